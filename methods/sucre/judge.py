@@ -23,9 +23,12 @@ tables of real dives and of made seas behind this rule.
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +37,9 @@ from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
-from sucre_bench.machine.provenance import absent
+from sucre_bench.machine.cache import get_or_make
+from sucre_bench.machine.files import user_cache
+from sucre_bench.machine.provenance import absent, hash_of
 from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
@@ -43,7 +48,7 @@ from sucre_bench.methods.sucre.robust import trust, trusted
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
 from sucre_bench.methods.sucre.sucre import Sucre
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import typed_option
+from sucre_bench.plugins.call_method import is_in_run, typed_option
 from sucre_bench.scene import Scene
 
 # Targets and pixels of each that models are judged on; tiles along the longer side; fewest pixels of a tile's mean, and
@@ -96,11 +101,39 @@ def judging(options: Any) -> Any:
 def chosen_model(scene: Scene, options: Any) -> Verdict:
     """Return the model of a dive, of those that the options allow.
 
-    Without two halves that overlap it is the first steps of the paper, or what the options say.
+    Without two halves that overlap it is the first steps of the paper, or what the options say. In a run, a verdict is
+    stored in the user's cache for other processes and runs.
     """
-    allowed = list(_candidates(options))
+    allowed, early = list(_candidates(options)), list(_early(options))
     if len(allowed) == 1:
         return Verdict(allowed[0])
+    by_words = {model.words: model for model in (NO_WATER, *allowed, *early)}
+
+    def read(path: Path) -> Verdict | None:
+        with suppress(OSError, ValueError, LookupError, TypeError):
+            stored = json.loads(path.read_bytes())
+            judged = tuple(Judged(**one) for one in stored["judged"])
+            return Verdict(by_words[stored["model"]], judged, is_in_air=stored["is_in_air"])
+        return None
+
+    def make(path: Path) -> Verdict:
+        verdict = _judged(scene, options, allowed, early)
+        if not verdict.is_unjudged:
+            stored = {**asdict(verdict), "model": verdict.model.words}
+            path.write_text(json.dumps(stored), encoding="utf-8")
+        return verdict
+
+    if not (scene.data_id and is_in_run()):
+        return _judged(scene, options, allowed, early)
+    of = [scene.data_id, [view.name for view in scene.views], repr(options)]
+    key = hash_of((Path(__file__).parent,), ("torch", "jax"), of)
+    try:
+        return get_or_make(user_cache() / "judged" / f"{key}.json", read, make, silent_s=-1)
+    except OSError:  # no place to write to
+        return _judged(scene, options, allowed, early)
+
+
+def _judged(scene: Scene, options: Any, allowed: list[Model], early: list[Model]) -> Verdict:
     middle = max(0, (len(scene) - _VIEWS) // 2)
     part = (
         replace(scene, views=scene.views[middle : middle + _VIEWS])
@@ -111,7 +144,6 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
         court = Court.of(Dive.spread(options, part, JUDGED_TARGETS))
     except (SolveError, NotApplicableError):
         court = None
-    early = list(_early(options))
     found = court and court.verdict(allowed, early)
     return found or Verdict([*early, *allowed][0], is_unjudged=True)
 

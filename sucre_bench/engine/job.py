@@ -197,7 +197,8 @@ def _stored_or_restored(
     at = f"method '{job.method.label}' on view '{name}'"
     word = job.method.always_typed
     try:
-        with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
+        wanted = shown_with(job.method.display, in_full=is_stored, in_run=True)
+        with step(at, job.view_timeout_s), wanted:
             measured = measured_restore(method, scene, view, word, job.colours == "srgb")
     except (
         OutputError

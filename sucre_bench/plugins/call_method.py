@@ -13,20 +13,20 @@ from sucre_bench.errors import InputError, PluginError, is_utf8
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
-# The chosen display, and whether all of a result is wanted.
-_WANTED: ContextVar[tuple[str, bool]] = ContextVar("wanted", default=("", True))
+# The chosen display, whether all of a result is wanted, and whether a run calls the method.
+_WANTED: ContextVar[tuple[str, bool, bool]] = ContextVar("wanted", default=("", True, False))
 
 # What a user types before the options of the method at work.
 _BEFORE: ContextVar[str] = ContextVar("before options", default="method")
 
 
 @contextmanager
-def shown_with(display: str, *, in_full: bool = True) -> Iterator[None]:
+def shown_with(display: str, *, in_full: bool = True, in_run: bool = False) -> Iterator[None]:
     """Inside, `display_of` returns this normalisation: the one that the user chose.
 
-    in_full: what `is_stored_in_full` returns.
+    in_full: what `is_stored_in_full` returns; in_run: what `is_in_run` returns.
     """
-    token = _WANTED.set((display, in_full))
+    token = _WANTED.set((display, in_full, in_run))
     try:
         yield
     finally:
@@ -36,6 +36,11 @@ def shown_with(display: str, *, in_full: bool = True) -> Iterator[None]:
 def is_stored_in_full() -> bool:
     """Return whether all of a result is wanted, as with save=full and from Python; else `info` may be shorter."""
     return _WANTED.get()[1]
+
+
+def is_in_run() -> bool:
+    """Return whether a run calls the method: then equal data_id are equal scenes, which a program may have changed."""
+    return _WANTED.get()[2]
 
 
 def display_of(method: Any) -> str:
