@@ -6,6 +6,7 @@ one water and one colour a pixel.
 | file | subject |
 |---|---|
 | `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus`; `sucre_paper` |
+| `adam.py`, `adam_loops.py` | the steps of `sucre_paper`, on a GPU and as compiled loops |
 | `model.py` | the image formation model, its parameters, their least-squares problem, and Levenberg-Marquardt |
 | `passes.py`, `numba_loops.py` | the passes that sum it up, for array libraries and as compiled loops |
 | `exact.py` | the minimum: starts, choice between minima, weak priors |

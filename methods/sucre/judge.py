@@ -39,7 +39,7 @@ from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
 from sucre_bench.machine.cache import get_or_make
 from sucre_bench.machine.files import user_cache
-from sucre_bench.machine.provenance import absent, hash_of
+from sucre_bench.machine.provenance import hash_of
 from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
@@ -171,12 +171,7 @@ def _candidates(options: Any) -> Iterator[Model]:
 def _early(options: Any) -> Iterator[Model]:
     """Yield the models of the paper's first steps that options allow."""
     is_plain = options.light in ("auto", EVEN) and options.footprint is not True
-    if (
-        is_plain
-        and options.physical is not True
-        and options.robust is not True
-        and absent("torch") is None
-    ):
+    if is_plain and options.physical is not True and options.robust is not True:
         for one_coefficient in (True,) if options.one_coefficient else (False, True):
             yield Model(Fit.EARLY, one_coefficient=one_coefficient)
 

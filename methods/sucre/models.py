@@ -213,7 +213,7 @@ def _stepped(model: Model, seen: Observed) -> Fitted:
 
     check_pairs(seen.observations)
     few = sampled(seen.observations, _STEPPED, singles=False, seed=0)
-    options = SucrePaper(one_coefficient=model.one_coefficient)
+    options = SucrePaper(one_coefficient=model.one_coefficient, device="cpu")
     solution = solve_adam(few, seen.first_colours(few), options)
     return Fitted(solution.water, solution.uncertainty, solution.course)
 

@@ -31,17 +31,17 @@ from sucre_bench.multiview.observations import Observations
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
-_loop = partial(compile_loop, fastmath=_FAST)
+loop = partial(compile_loop, fastmath=_FAST)
 
 # Always inlined. A standalone function can be compiled several times with different rounding, and the load order would
 # decide which one runs.
-_inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
+inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
 # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
 _PLACES = 1 << 13
 SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
-_LOG2_E = 1 / np.log(2)
+LOG2_E = 1 / np.log(2)
 _ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
 _WALL, _LEAST = np.float32(WALL), np.float32(LEAST)
 # Powers of two short of the limits of float32, also when they are squared: no light is 2^-60, not 0, whose colour is
@@ -63,7 +63,7 @@ _C4, _C5, _C6 = (
 )
 
 
-@_inline
+@inline
 def power_minus_1(x: Any) -> Any:
     """Return 2^x - 1 in float32, accurate for small x as well: 2^x = 2^k 2^f with x = k + f, |f| <= 1/2."""
     x = _LOWEST if x < _LOWEST else x
@@ -75,7 +75,7 @@ def power_minus_1(x: Any) -> Any:
     return scale * rest + (scale - _ONE)
 
 
-@_inline
+@inline
 def _first_sweep(
     z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any
 ) -> None:
@@ -100,7 +100,7 @@ def _first_sweep(
         C_gamma[i] += x_i * g_i
 
 
-@_inline
+@inline
 def _project(z: Any, kept: Any, sums: Any) -> None:
     """Turn what a slot kept into columns: D'_B, D'_beta, D'_gamma / B, r. The sums over A are by now J and means."""
     x, d, g, y = kept[0], kept[1], kept[2], kept[3]
@@ -113,7 +113,7 @@ def _project(z: Any, kept: Any, sums: Any) -> None:
         y[i] -= x_i * J[i]
 
 
-@_inline
+@inline
 def _add_products(columns: Any, n: int, total: Any) -> None:
     """Add the products of four columns of n numbers to the upper triangle of total (4, 4) float64."""
     p, q, u, v = columns[0, :n], columns[1, :n], columns[2, :n], columns[3, :n]
@@ -142,13 +142,13 @@ def _add_products(columns: Any, n: int, total: Any) -> None:
     total[3, 3] += vv
 
 
-@_inline
+@inline
 def _sum_block(
     store: Any, c: int, start: int, n: int, water: Any, roots: Any, kept: Any, sums: Any
 ) -> int:
     """Sweep the slots of n pixels first, then divide the sums by A; return how many slots there were."""
     distance, colour, weight, starts, scale = store
-    log2_e = np.float32(_LOG2_E)
+    log2_e = np.float32(LOG2_E)
     rates = (-water[1] * log2_e, -water[2] * log2_e)
     for row in range(5):
         for i in range(n):
@@ -180,7 +180,7 @@ def _sum_block(
     return slots
 
 
-@_inline
+@inline
 def _hold(
     kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any
 ) -> None:
@@ -206,7 +206,7 @@ def _hold(
     _add_products(first, n, total)
 
 
-@_loop
+@loop
 def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
     """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see passes.products."""
     distance, _, _, starts, _ = store
@@ -227,7 +227,7 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
     return total
 
 
-@_loop
+@loop
 def _share_colours(
     store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, found: Any
 ) -> None:
@@ -252,15 +252,20 @@ def _share_colours(
                 )
 
 
-def compiled(observations: Observations) -> Callable[..., Array]:
-    """Return what computes a formula for a block with these loops."""
+def store_of(observations: Observations) -> tuple[Any, ...]:
+    """Return the arrays of observations that the loops read."""
     weight = (
         np.empty((0, 0), dtype=np.float32)
         if observations.weight is None
         else np.atleast_2d(observations.weight)
     )
     arrays = (observations.distance, observations.colour, weight, observations.starts)
-    store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
+    return (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
+
+
+def compiled(observations: Observations) -> Callable[..., Array]:
+    """Return what computes a formula for a block with these loops."""
+    store = store_of(observations)
 
     def compute(formula: Any, block: Block, rows: Array, *parameters: Array | None) -> Array:
         share, size = (

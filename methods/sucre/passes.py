@@ -347,25 +347,12 @@ def in_numpy(observations: Observations) -> Callable[..., Array]:
 
 
 @contextmanager
-def one_torch_thread() -> Iterator[int]:
-    """Give PyTorch's operations one thread each, as several blocks run at a time; return how many they had.
-
-    An operation on a block takes some 20 us, less than gathering threads for it costs, and a thread that is displaced
-    would hold up all the others.
-    """
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield threads
-    finally:
-        torch.set_num_threads(threads)
-
-
-@contextmanager
 def on_torch(observations: Observations, device: str) -> Iterator[Kernel]:
-    """Open the observations for PyTorch on "cpu" or "cuda"."""
+    """Open the observations for PyTorch on "cpu" or "cuda".
+
+    PyTorch's operations get one thread each, as several blocks run at a time. An operation on a block takes some 20 us,
+    less than gathering threads for it costs, and a thread that is displaced would hold up all the others.
+    """
     import torch
 
     def moved(values: Array | None) -> torch.Tensor | None:
@@ -380,8 +367,12 @@ def on_torch(observations: Observations, device: str) -> Iterator[Kernel]:
         torch.cuda.empty_cache()
         raise MemoryError
 
-    with one_torch_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
         yield Kernel(observations, device, compute, _TORCH[device])
+    finally:
+        torch.set_num_threads(threads)
 
 
 def on_jax(observations: Observations, device: str) -> Kernel:

@@ -1,9 +1,10 @@
-"""The paper's optimiser, against automatic differentiation and finite differences in float64, and made water."""
+"""The paper's optimiser, against automatic differentiation in float64, and made water."""
 
 from __future__ import annotations  # types do not import torch
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from support.made_observations import flat, made, table
 from support.made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View, restore
-from sucre_bench.methods.sucre import SucrePaper
-from sucre_bench.methods.sucre.paper import solve_adam, squared_error as eq_7_of
+from sucre_bench.methods.sucre import SucrePaper, adam, adam_loops
+from sucre_bench.methods.sucre.adam import Descent, Steps, descend, descend_on_torch
+from sucre_bench.methods.sucre.paper import solve_adam
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 
@@ -55,50 +57,6 @@ def naive_adam(
     return unknowns[0].detach().numpy(), unknowns[1].detach().numpy()
 
 
-def evaluate(
-    observations: Observations, J: np.ndarray, water: np.ndarray, block_px: int | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The objective's cost (3,), dE/dJ (3, P) and dE/dwater (3, 3)."""
-    J_grad = torch.full(J.shape, torch.nan)
-    with eq_7_of(observations, block_px=block_px) as eq_7:
-        cost, water_grad = eq_7(torch.tensor(J, dtype=torch.float32), torch.tensor(water.T), J_grad)
-    return cost.numpy(), J_grad.numpy(), water_grad.numpy().T
-
-
-# -- the objective ---------------------------------------------------------------------------------------------------
-
-
-def test_cost_and_gradient_agree_with_float64_finite_differences() -> None:
-    observations, truth = made_observations(n_pixels=25)
-    J, water = (
-        np.float32(truth * 0.8 + 0.05).astype(np.float64),
-        START * [[1.0, 2, 3], [2, 1, 1.5], [3, 2, 1]],
-    )
-    cost, J_grad, water_grad = evaluate(observations, J, water)
-
-    def E(J: np.ndarray, water: np.ndarray) -> np.ndarray:  # (3,)
-        return squared_error(observations, torch.tensor(J), torch.tensor(water)).numpy()
-
-    np.testing.assert_allclose(cost, E(J, water), rtol=1e-6)
-    h = 1e-5
-    for row in range(3):
-        step = h * (np.arange(3) == row)[:, None]  # the channels do not depend on each other
-        numeric = (E(J, water + step) - E(J, water - step)) / (2 * h)
-        np.testing.assert_allclose(water_grad[row], numeric, rtol=1e-4)
-    for p in range(J.shape[1]):
-        step = h * (np.arange(J.shape[1]) == p)[None]
-        np.testing.assert_allclose(
-            J_grad[:, p], (E(J + step, water) - E(J - step, water)) / (2 * h), atol=1e-6
-        )
-
-
-def test_blocks_make_no_difference() -> None:
-    observations, J = made_observations()
-    whole = evaluate(observations, J * 0.7, START)
-    for in_blocks, at_once in zip(evaluate(observations, J * 0.7, START, 7), whole, strict=True):
-        np.testing.assert_allclose(in_blocks, at_once, rtol=2e-6)
-
-
 # -- Adam ------------------------------------------------------------------------------------------------------------
 
 
@@ -118,6 +76,33 @@ def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> N
         ).numpy()
     np.testing.assert_allclose(fit.cost, final, rtol=1e-5)
     np.testing.assert_allclose(fit.course.initial_cost, initial, rtol=1e-6)
+
+
+@pytest.mark.parametrize("descend", [descend, descend_on_torch])
+def test_shares_of_pixels_make_no_difference(
+    descend: Callable[..., Descent], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observations, J = made_observations()
+    whole = descend(observations, J * 0.7, START, Steps(30, 0.05), "cpu")
+    monkeypatch.setattr(adam_loops, "SHARE", 7)
+    monkeypatch.setattr(adam_loops, "usable_cores", lambda: 3)
+    monkeypatch.setattr(adam, "_BLOCK_PX", 7)
+    parts = descend(observations, J * 0.7, START, Steps(30, 0.05), "cpu")
+    np.testing.assert_allclose(parts.J, whole.J, atol=2e-6)
+    np.testing.assert_allclose(parts.water, whole.water, atol=2e-6)
+
+
+@pytest.mark.parametrize("is_tied", [False, True])
+def test_steps_on_a_gpus_library_are_those_of_the_loops(is_tied: bool) -> None:
+    observations, J = made_observations(noise=0.004)
+    steps = Steps(200, 0.05, is_tied=is_tied)
+    loops, torched = (
+        step(observations, J * 0.7, START, steps, "cpu") for step in (descend, descend_on_torch)
+    )
+    np.testing.assert_allclose(loops.J, torched.J, atol=5e-6)
+    np.testing.assert_allclose(loops.water, torched.water, atol=5e-6)
+    np.testing.assert_allclose(loops.first, torched.first, rtol=1e-6)
+    np.testing.assert_allclose(loops.cost, torched.cost, rtol=1e-5)
 
 
 def test_water_and_colours_are_recovered_when_adam_is_given_time() -> None:
@@ -241,19 +226,6 @@ def test_what_is_wrong_with_a_start_is_mended_by_options_of_sucre_paper(
     with pytest.raises(InputError, match=remedy) as refused:
         restore("sucre_paper", SCENE, TARGET.name, start=str(tmp_path), steps=1)
     assert not re.search(r"\.(encoding|light|water)\b|own|shared", str(refused.value))
-
-
-def test_the_number_of_threads_is_left_as_it_was_and_does_not_change_the_result() -> None:
-    threads = torch.get_num_threads()
-    images = []
-    try:
-        for n in (1, 3):
-            torch.set_num_threads(n)
-            images.append(FEW.restore(SCENE, TARGET).image)
-            assert torch.get_num_threads() == n
-    finally:
-        torch.set_num_threads(threads)
-    assert np.array_equal(*images, equal_nan=True)
 
 
 def test_a_view_that_no_other_sees_is_restored_from_itself() -> None:
