@@ -1,7 +1,7 @@
 r"""Do several scores together order methods more as true colours do than the best one alone? On scenes that did not
 choose them.
 
-Run the command of docs/metric-evidence.md, then
+Run the command of docs/formulas.md, then
      python benchmarks/combinations.py validity
 
 Scores are ranks among the methods of a view, 0 to 1. On half of the scenes the best score, the best pair and the best

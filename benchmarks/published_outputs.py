@@ -1,4 +1,4 @@
-"""Published outputs, scored beside the numbers that their publications print: the table of docs/paper.md.
+"""Published outputs, scored beside the numbers that their publications print: the table of docs/formulas.md.
 
 python benchmarks/published_outputs.py CLONES OUT [NAME ...]
 

@@ -3,7 +3,7 @@
 Particles in the water blur distant things, and the water takes their red. The depth estimate blends one map from
 blurriness with two from red. The weights depend on how bright the water is and how much red the image has. Symbols are
 the paper's. Details that the paper leaves open follow the results that U45 publishes of this method
-(docs/method-choices.md).
+(docs/methods.md).
 """
 
 from collections.abc import Callable

@@ -2,7 +2,7 @@
 
 Zhang, Zhuang, Sun, Li, Kwong & Li 2022, Underwater image enhancement via minimal color loss and locally adaptive
 contrast enhancement, IEEE TIP 31. Written from the publication's method. Its authors' program is compiled and was not
-read. docs/method-choices.md says which reading of each step is taken, and how near the result is to the authors'.
+read. docs/methods.md says which reading of each step is taken, and how near the result is to the authors'.
 """
 
 from dataclasses import dataclass

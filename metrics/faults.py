@@ -1,7 +1,7 @@
 """Faults of a restored picture that need no true colours to be seen: `faults`.
 
 Each variant is one number of a picture, or of a picture against its photograph. Above its limit the picture has the
-fault, and tables say so in words (`FAULTS`). docs/metric-evidence.md has how often they are right. Pictures are looked
+fault, and tables say so in words (`FAULTS`). docs/formulas.md has how often they are right. Pictures are looked
 at with at most 480 pixels on a side, as on a screen.
 """
 

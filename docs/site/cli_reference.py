@@ -72,7 +72,8 @@ def _options(command: click.Command, context: click.Context) -> Iterator[str]:
 def _keys() -> Iterator[str]:
     yield "## Keys of `sucre-bench run`\n"
     yield "`dataset=`, `method=` and `metrics=` choose plugins; `sucre-bench list` has their options.\n"
-    yield "The keys of `degrade.` have [a page](degrade.md), and those of `study.` [another](paper.md). The others:\n"
+    yield "The keys of `degrade.` have [a page](degrade.md). Those of `study.` have "
+    yield "[a section](run.md#tables-figures-and-curves). The others:\n"
     yield "| key | default | what it does |\n|---|---|---|"
     for option in options_of(RunConfig):
         if option.name not in ("dataset", "method", "metrics", "study", "degrade", *_GROUPS):

@@ -230,7 +230,7 @@ def _distinct(part: Callable[[_Form], object]) -> dict[str, str]:
     return {name: f"that of uiqm:{name}: {_FORMS[name].about}" for name in first.values()}
 
 
-# Over 47 made scenes and 17 restorers (docs/metric-evidence.md). The forms with "plus-one" are no better than chance.
+# Over 47 made scenes and 17 restorers (docs/formulas.md). The forms with "plus-one" are no better than chance.
 _AGREEMENT = {
     "panetta2016": 0.21,
     "getuiqm1": 0.46,

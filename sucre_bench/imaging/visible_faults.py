@@ -1,7 +1,7 @@
 """What the eye sees wrong in a restored picture beside its photograph, and in the pictures of a dive together.
 
 `look_at` measures one picture; `faults_of_dive` compares the pictures of a dive with `LIMITS`. Both look at pictures
-with at most 480 pixels on a side, as on a screen. docs/metric-evidence.md has how often the faults are named rightly.
+with at most 480 pixels on a side, as on a screen. docs/formulas.md has how often the faults are named rightly.
 """
 
 from __future__ import annotations

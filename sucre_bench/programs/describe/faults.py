@@ -2,7 +2,7 @@
 
 If depth maps of views disagree, the usual mistakes are undone one by one. They are distances or inverse depth in place
 of depth, another unit than that of the poses, turned or shifted maps, and poses in other axes or inverted. A mistake is
-named if a third of the points agree without it, see docs/scene.md for what true and false ones reach.
+named if a third of the points agree without it, see docs/prepare.md for what true and false ones reach.
 """
 
 import itertools
