@@ -13,6 +13,7 @@ from support.miniatures import (
     WIDTH,
     camera_and_pose,
     centre,
+    loader,
     one_line,
     pose_of,
     seen,
@@ -22,7 +23,6 @@ from support.miniatures import (
 from sucre_bench.camera import project
 from sucre_bench.datasets.aqualoc import Aqualoc
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene
 
 # of Kalibr: pixel centres at whole numbers
 K = np.array([[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]])
@@ -67,9 +67,7 @@ def write_site(
     return root
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Aqualoc(root, **options).scenes()
-    return scene
+load = loader(Aqualoc)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -147,17 +145,3 @@ def test_a_wrong_trajectory_is_named_by_line(tmp_path: Path, line: str, part: st
     path.write_text(f"# a comment\n{line}\n")
     with one_line(str(path), part):
         load(tmp_path)
-
-
-def test_a_calibration_that_is_wrong_or_missing_is_named(tmp_path: Path) -> None:
-    calibration = write_site(tmp_path) / "harbor_calibration_files" / "harbor_camera_calib.yaml"
-    calibration.write_text("cam0: {intrinsics: [1, 2]}")
-    with pytest.raises(InputError, match=r"harbor_camera_calib\.yaml: "):
-        load(tmp_path)
-    calibration.unlink()
-    with pytest.raises(
-        InputError, match=r"copy harbor_calibration_files/harbor_camera_calib\.yaml there"
-    ):
-        load(tmp_path)
-    with pytest.raises(InputError, match=r"aqualoc\.image_scale"):
-        Aqualoc(tmp_path, image_scale=-1)

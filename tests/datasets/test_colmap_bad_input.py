@@ -1,6 +1,5 @@
 """What the colmap dataset says of bad input: one line with the file, what is wrong and what to do."""
 
-import io
 import json
 import shutil
 from collections.abc import Callable
@@ -22,15 +21,11 @@ from support.colmap_folder import (
     write_image,
     write_model,
 )
-from support.miniatures import Change, one_line
+from support.miniatures import Change, loader, one_line
 
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.scene import Scene
 
-
-def load(root: Path, **options: Any) -> Scene:
-    (scene,) = Colmap(root=root, **options).scenes()
-    return scene
+load = loader(Colmap)
 
 
 # -- faults of the whole dataset: scenes() raises -----------------------------------------------------------
@@ -211,14 +206,6 @@ def test_a_distorted_camera_of_a_binary_model_is_named(tmp_path: Path) -> None:
 # -- faults of one view: its pixels raise, the other view goes on --------------------------------------------
 
 
-def cut(name: str) -> Change:
-    def halve(root: Path) -> None:
-        content = (root / name).read_bytes()
-        (root / name).write_bytes(content[: len(content) // 2])
-
-    return halve
-
-
 def replaced(name: str, write: Callable[[Path], Any]) -> Change:
     """Take away the depth map of a.png and write another file."""
 
@@ -241,35 +228,9 @@ def depth_npy(values: np.ndarray) -> Change:
     return replaced("depths/depth_a.npy", lambda path: np.save(path, values))
 
 
-def forged_npy(shape: tuple[int, int]) -> bytes:
-    """A file of four numbers that says to hold an array of a shape."""
-    file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        file, {"descr": "<f4", "fortran_order": False, "shape": shape}
-    )
-    return file.getvalue() + bytes(16)
-
-
-def jpeg(name: str) -> Change:
-    """Put a JPEG where a PNG is named: the content counts, not the suffix."""
-
-    def change(root: Path) -> None:
-        write_image(root / "x.jpg", picture(0))
-        (root / "x.jpg").replace(root / name)
-        cut(name)(root)
-
-    return change
-
-
 METRES = np.full((HEIGHT, WIDTH), 2.5)
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "JPEG cut": ("rgb", jpeg("images/a.png"), ["images/a.png", "truncated", "copy"]),
-    "reference of another shape": (
-        "reference",
-        lambda root: write_image(root / "reference/a.png", picture(0, WIDTH, 20)),
-        ["reference/a.png", "40x20", "40x30"],
-    ),
     "depth 8-bit": (
         "depth",
         depth_png(np.ones((HEIGHT, WIDTH), np.uint8)),
@@ -301,20 +262,6 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
         "depth",
         depth_npy(METRES[:20]),
         ["depth_a.npy", "40x20", "a size that cannot match"],
-    ),
-    "depth pickled": (
-        "depth",
-        replaced(
-            "depths/depth_a.npy", lambda path: np.save(path, np.array([{}]), allow_pickle=True)
-        ),
-        ["depth_a.npy: cannot be read", "numpy.save"],
-    ),
-    "depth npy of a forged shape": (
-        "depth",
-        replaced(
-            "depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))
-        ),
-        ["depth_a.npy: cannot be read", "numpy.save"],
     ),
 }
 

@@ -1,8 +1,6 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
 import itertools
-import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -12,7 +10,7 @@ import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import Demo, Preset, made_scene, water_of
+from sucre_bench.datasets.demo import Demo, Preset, water_of
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
 from sucre_bench.datasets.demo.render import (
     LAMP,
@@ -32,11 +30,7 @@ from sucre_bench.datasets.demo.seabed import (
     make_terrain,
     place_board,
 )
-from sucre_bench.errors import DiskFullError, InputError
-from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.chart_patches import measure
-from sucre_bench.plugins.options import create
-from sucre_bench.plugins.registry import find
 from sucre_bench.scene import Scene, View
 
 SMALL: dict[str, Any] = {"width": 160, "height": 120, "views": 4}
@@ -128,50 +122,6 @@ def shown_in(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir() if not path.name.startswith(".")]
 
 
-def test_of_two_at_once_the_later_waits_for_the_first(tmp_path: Path, small: MadeScene) -> None:
-    made = []
-
-    def slow() -> MadeScene:
-        made.append(1)
-        time.sleep(0.1)
-        return small
-
-    with ThreadPoolExecutor(2) as pool:
-        folders = list(pool.map(lambda _: make_once(tmp_path / "scene", slow), range(2)))
-    assert folders == [tmp_path / "scene"] * 2
-    assert made == [1]
-    assert shown_in(tmp_path) == ["scene"]
-
-
-@pytest.mark.parametrize("place", ["", "images/view_000.png", "/elsewhere/a.png"])
-def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
-    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch, place: str
-) -> None:
-    def full(_: MadeScene, folder: Path) -> None:
-        raise DiskFullError(
-            "disk is full", folder / place if place.startswith("images") else place, "make room"
-        )
-
-    monkeypatch.setattr(made_scene, "write_made_scene", full)
-    with pytest.raises(DiskFullError) as fault:
-        make_once(tmp_path / "scene", lambda: small)
-    expected = str(tmp_path / "scene" / place) if place.startswith("images") else place
-    assert (fault.value.place, fault.value.fault, fault.value.remedy) == (
-        expected,
-        "disk is full",
-        "make room",
-    )
-
-
-@pytest.mark.parametrize(
-    ("options", "at_fault"),
-    [({"views": 1}, "views"), ({"width": 8}, "width"), ({"noise": -1}, "noise")],
-)
-def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str) -> None:
-    with pytest.raises(InputError, match=f"demo.{at_fault}: "):
-        create(find("dataset", "demo"), options)
-
-
 # -- what is read back is what was made ----------------------------------------------------------------------
 
 
@@ -190,14 +140,6 @@ def test_files_in_the_users_cache_hold_the_arrays(
 
 
 # -- geometry ------------------------------------------------------------------------------------------------
-
-
-def test_views_come_closer_and_each_sees_metres_of_relief(survey: Scene) -> None:
-    distances = [float(np.median(view.distance)) for view in survey]
-    assert distances == sorted(distances, reverse=True)
-    assert distances[0] > 7.5
-    assert survey.views[-1].distance.min() < 1.6
-    assert all(np.ptp(np.percentile(view.depth, [2, 98])) > 2.5 for view in survey)
 
 
 def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
@@ -328,14 +270,6 @@ def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_t
         np.testing.assert_allclose(pixel[0], expected, atol=0.02)
 
 
-def test_the_lamps_light_falls_with_the_square_of_its_way() -> None:
-    ahead = np.linalg.inv(LAMP.lamp_from_cam)
-    points = (np.array([[0, 0, 1.5], [0, 0, 3.0]]) @ ahead[:3, :3].T) + ahead[:3, 3]
-    light, way = lamp_light(LAMP, points)
-    np.testing.assert_allclose(light, [4, 1])
-    np.testing.assert_allclose(way, [1.5, 3])
-
-
 # -- charts --------------------------------------------------------------------------------------------------
 
 
@@ -346,17 +280,6 @@ def test_charts_show_their_reference_colours_without_water(survey: Scene) -> Non
         for reading in measure(nearest.reference, chart):
             assert reading.n_pixels >= 4
             np.testing.assert_allclose(reading.rgb, reading.patch.srgb, atol=1.5 * LEVEL)
-
-
-def test_every_kind_of_chart_is_seen_from_distances_two_metres_apart(survey: Scene) -> None:
-    for kind in KINDS:
-        seen = [
-            float(view.distance[int(y), int(x)])
-            for view in survey
-            for x, y in (chart_centre(chart.corners) for chart in view.charts if chart.kind == kind)
-        ]
-        assert len(seen) >= 2
-        assert max(seen) - min(seen) >= 2
 
 
 def test_a_chart_too_small_to_measure_is_not_listed(small: MadeScene) -> None:

@@ -4,16 +4,19 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.miniatures import YEAR as NAMES, check_dive, one_line, write_photographs, write_year
+from support.miniatures import (
+    YEAR as NAMES,
+    check_dive,
+    loader,
+    one_line,
+    write_photographs,
+    write_year,
+)
 
 from sucre_bench.datasets.eiffel_tower import EiffelTower
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene
 
-
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = EiffelTower(root, **options).scenes()
-    return scene
+load = loader(EiffelTower)
 
 
 def test_a_known_point_is_seen_where_it_is_in_undistorted_views(tmp_path: Path) -> None:

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 import tifffile
 from support.messages import Lines
-from support.miniatures import HEIGHT, WIDTH, centre, disk_depth, one_line, write_spot
+from support.miniatures import HEIGHT, WIDTH, centre, disk_depth, loader, one_line, write_spot
 
 from sucre_bench.camera import unproject
 from sucre_bench.datasets.flsea import Flsea
 from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import watched_by
-from sucre_bench.scene import Scene
 
 # of Kalibr: pixel centres at whole numbers
 K = np.array([[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]])
@@ -54,9 +53,7 @@ def write_dive(root: Path, place: str = "canyons/flatiron/flatiron") -> Path:
     return dive
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Flsea(root, **options).scenes()
-    return scene
+load = loader(Flsea)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

@@ -27,6 +27,7 @@ from support.miniatures import (
     cut,
     disk_depth,
     imaged,
+    loader,
     one_line,
     pose_of,
     seen,
@@ -37,14 +38,11 @@ from support.miniatures import (
 from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import watched_by
-from sucre_bench.scene import Scene
 
 WORLD_POINT = SCALE * TURN @ POINT  # the translation, of an earth's radius, is left away
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Metashape(root=root, **options).scenes()
-    return scene
+load = loader(Metashape)
 
 
 @pytest.mark.parametrize("lens", LENSES)

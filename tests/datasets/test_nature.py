@@ -11,9 +11,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import distance_map
 from sucre_bench.datasets.nature import Nature
 from sucre_bench.datasets.nature.conditions import CONDITIONS, Name
-from sucre_bench.errors import InputError
-from sucre_bench.plugins.options import create
-from sucre_bench.plugins.registry import find
 from sucre_bench.scene import Scene
 
 SMALL: dict[str, Any] = {"width": 64, "height": 48, "views": 4}
@@ -175,19 +172,3 @@ def test_all_names_have_a_condition_and_the_water_is_told_only_where_it_holds(ro
         scene = scene_of(Nature(root=root, condition=name, **SMALL))
         assert ("truth" in scene.has) is is_told
         assert (scene.water is not None) is is_told
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "words"),
-    [
-        ("condition", "caustic_10", "caustics_10"),
-        ("water", "costal", "coastal"),
-        ("path", "aproach", "approach"),
-        ("width", 8, "width"),
-        ("views", 1, "views"),
-    ],
-)
-def test_an_unknown_word_is_refused_with_the_nearest_name(option: str, value: Any, words: str):
-    with pytest.raises(InputError) as fault:
-        create(find("dataset", "nature"), {option: value})
-    assert words in str(fault.value)

@@ -16,6 +16,7 @@ from support.miniatures import (
     check_scene_fault,
     check_view_fault,
     disk_depth,
+    loader,
     pose_of,
     seen,
     write_spot,
@@ -23,7 +24,6 @@ from support.miniatures import (
 
 from sucre_bench.datasets.nerfstudio import Nerfstudio
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene
 
 INTRINSICS = {"fl_x": 150.0, "fl_y": 140.0, "cx": 83.0, "cy": 57.5}
 LENSES: dict[str, dict[str, Any]] = {
@@ -93,9 +93,7 @@ def write_scene(root: Path, lens: str = "pinhole", **more: Any) -> Path:
     return root
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Nerfstudio(root=root, **options).scenes()
-    return scene
+load = loader(Nerfstudio)
 
 
 def edit(change: Any, name: str = "transforms.json") -> Change:
@@ -240,15 +238,6 @@ def test_masked_pixels_have_no_depth(tmp_path: Path, suffix: str) -> None:
     assert (scene.views[1].depth > 0).all()
     cv2.imwrite(str(tmp_path / f"mask{suffix}"), 255 - mask)
     assert len({scene.data_id, before, load(tmp_path).data_id}) == 3
-
-
-def test_data_id_changes_with_the_unit_of_depth(tmp_path: Path) -> None:
-    write_scene(tmp_path)
-    assert (
-        load(tmp_path).data_id
-        == load(tmp_path, depth_scale=0.001).data_id
-        != load(tmp_path, depth_scale=1).data_id
-    )
 
 
 def frame(**values: Any) -> Change:

@@ -97,12 +97,6 @@ def test_images_are_found_by_whatever_path_they_had_elsewhere(tmp_path: Path, na
     ]
 
 
-def test_image_scale_shrinks_all_alike(tmp_path: Path) -> None:
-    scene = load(write_scene(tmp_path), image_scale=0.5)
-    assert scene.views[0].depth.shape == (HEIGHT // 2, WIDTH // 2)
-    check_both(*scene)
-
-
 def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
     ids = {
@@ -193,12 +187,3 @@ def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
             read_dmap_depth(path)
     path.write_bytes(whole[:needed])
     assert read_dmap_depth(path).shape == (HEIGHT, WIDTH)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{"metres_per_unit": 0.0}, {"metres_per_unit": float("inf")}, {"dmaps": "../*.dmap"}],
-)
-def test_options_that_make_no_sense_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=f"openmvs.{next(iter(options))}"):
-        load(tmp_path, **options)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 from support.colmap_folder import write_model
-from support.miniatures import SET_SIZE, picture16, write_set
+from support.miniatures import SET_SIZE, loader, picture16, write_set
 from support.places import DATA
 
 from sucre_bench.arrays import Array
@@ -22,12 +22,8 @@ from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.errors import InputError
 from sucre_bench.loading.d5_charts import published_charts
-from sucre_bench.scene import Scene
 
-
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Seathru(root=root, **options).scenes()
-    return scene
+load = loader(Seathru)
 
 
 WIDTH, HEIGHT = SET_SIZE

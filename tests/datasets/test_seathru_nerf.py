@@ -1,10 +1,8 @@
 """The seathru_nerf dataset against miniatures of its layout."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 from support.colmap_folder import picture, write_image, write_model
 from support.miniatures import (
     CAMERA,
@@ -12,18 +10,14 @@ from support.miniatures import (
     REEF as NAMES,
     WIDTH,
     check_dive,
+    loader,
     model_pose,
     write_reef,
 )
 
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
-from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene
 
-
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = SeathruNerf(root, **options).scenes()
-    return scene
+load = loader(SeathruNerf)
 
 
 def test_a_known_point_is_seen_where_it_is_in_undistorted_views(tmp_path: Path) -> None:
@@ -62,17 +56,3 @@ def test_every_eighth_image_from_the_first_is_the_test(tmp_path: Path) -> None:
     train = [view.name for view in load(tmp_path, split="train")]
     assert len(train) == 15
     assert not {"00.png", "08.png", "16.png"} & set(train)
-
-
-def test_what_is_missing_is_named(tmp_path: Path) -> None:
-    place = write_reef(tmp_path / "Panama")
-    with pytest.raises(InputError, match="Panama/maps: "):
-        load(tmp_path, depths="maps")
-    shutil.rmtree(place / "sparse")
-    with pytest.raises(InputError, match="Panama/sparse: "):
-        load(tmp_path)
-
-
-def test_a_unit_of_no_length_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"seathru_nerf\.metres_per_unit"):
-        SeathruNerf(tmp_path, metres_per_unit=0)

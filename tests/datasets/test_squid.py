@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 from support.colmap_folder import HEIGHT, WIDTH
+from support.miniatures import loader
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import project
@@ -89,9 +90,7 @@ OBJECT = base64.b64decode(
 )
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Squid(root=root, **options).scenes()
-    return scene
+load = loader(Squid)
 
 
 def seen(scene: Scene) -> list[tuple[Array, float]]:

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_image
+from support.miniatures import loader
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import project
 from sucre_bench.datasets.varos import Varos
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene, View
+from sucre_bench.scene import View
 
 WIDTH, HEIGHT = 32, 18
 CAMERA = "focal_length: 30.0\nsensor_width: 32.0\nsensor_height: 24.0\nresolution:\n  width: 32\n  height: 18\n"
@@ -55,9 +56,7 @@ def write_dive(cam: Path, camera: str = CAMERA, sub: str = "") -> Path:
 WORLD = [1.0, 1.0, 10.0, 1.0]
 
 
-def load(root: Path, **options: object) -> Scene:
-    (scene,) = Varos(root=root, **options).scenes()
-    return scene
+load = loader(Varos)
 
 
 def seen(view: View) -> tuple[Array, float]:
@@ -87,13 +86,6 @@ def test_a_world_point_falls_on_its_mark_at_its_depth_in_both_views(tmp_path: Pa
     np.testing.assert_array_equal(np.rint(reference * 255), picture(8, WIDTH, HEIGHT))
     np.testing.assert_array_equal(np.rint(scene.views[0].rgb * 255), picture(7, WIDTH, HEIGHT))
     assert load(cam).data_id == scene.data_id
-
-
-def test_half_size_halves_the_pixel(tmp_path: Path) -> None:
-    view = load(write_dive(tmp_path / "cam0"), image_scale=0.5).views[0]
-    assert seen(view)[0] == pytest.approx([9.5, 6.0])
-    assert view.rgb.shape == (9, 16, 3)
-    assert view.depth.shape == (9, 16)
 
 
 def test_folders_of_ones_own_are_found_with_the_camera_above_them(tmp_path: Path) -> None:

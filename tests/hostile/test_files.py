@@ -23,7 +23,7 @@ from support.messages import Lines
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import read_array, read_rgb, same_shape
+from sucre_bench.imaging.image_files import read_array, read_rgb
 from sucre_bench.machine import progress
 
 
@@ -362,34 +362,6 @@ def test_an_array_is_read_in_any_order_and_version(tmp_path: Path):
         )
     with pytest.raises(InputError, match=r"0.npz: cannot be read"):
         read_array(tmp_path / "0.npz", lambda _: "no such name")
-
-
-@pytest.mark.parametrize(
-    ("one", "other", "same"),
-    [
-        ((320, 170), (1, 1), False),
-        ((320, 170), (3, 2), False),
-        ((639, 479), (320, 240), True),
-        ((1920, 1080), (480, 270), True),
-    ],
-)
-def test_one_pixel_has_no_shape_and_a_rounded_size_has(
-    one: tuple[int, int], other: tuple[int, int], same: bool
-):
-    assert same_shape(one, other) == same == same_shape(other, one)
-
-
-@pytest.mark.parametrize(
-    "content", ["[" * 100_000, '{"images":' * 50_000, "\0", '{"images": {"a.png": {"c": 1e999}}}']
-)
-def test_a_charts_file_that_is_none_is_named_in_one_line(tmp_path: Path, content: str):
-    write_dive(tmp_path / "dive", ["a.png"])
-    (tmp_path / "dive" / "charts.json").write_text(content)
-    done = run(tmp_path, "method=gray_world")
-    assert done.returncode == 2
-    assert "charts.json" in done.stderr
-    assert len(done.errors) == 1
-    assert len(done.stderr) < 3000
 
 
 assert (WIDTH, HEIGHT) == (40, 30)  # what the forged sizes are held against

@@ -12,7 +12,6 @@ from support.command_line import run_here
 from support.places import TOYS
 
 from sucre_bench import results
-from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.rows import Row
 
 ROWS = results.frame(
@@ -110,28 +109,3 @@ def test_a_table_of_nothing_but_nan_is_one_line_with_a_remedy(tmp_path: Path):
     assert [
         re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None for line in done.errors
     ] == [True]
-
-
-def fault_of_reading(folder: Path) -> str:
-    try:
-        results.read(folder)
-    except DamagedFileError as fault:
-        return str(fault)
-    return ""
-
-
-def test_bytes_that_change_anywhere_in_a_table_give_the_one_error_or_none(tmp_path: Path):
-    path = tmp_path / "scores.parquet"
-    ROWS.assign(time="2026-01-01T00:00:00.000000+00:00").to_parquet(path, index=False)
-    whole, faults = path.read_bytes(), list[str]()
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        content, length = bytearray(whole), int(random.integers(1, 400))
-        at = int(random.integers(0, len(whole) - length))
-        content[at : at + length] = random.bytes(length)
-        path.write_bytes(content)
-        faults.append(fault_of_reading(tmp_path))
-    refused = [fault for fault in faults if fault]
-    assert len(refused) > 10
-    for fault in refused:
-        assert re.search(r"scores\.parquet: .*(table|column)", fault)

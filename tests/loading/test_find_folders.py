@@ -16,11 +16,10 @@ from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.datasets.photos import Photos
 from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
-from sucre_bench.datasets.squid import Squid
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import ImageFolder, folders_below, inner_path, inside, walk
+from sucre_bench.loading.find_folders import ImageFolder, folders_below, inside, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.view_files import fingerprint
 
@@ -138,12 +137,6 @@ def test_a_named_path_is_inside_or_it_is_none(
         assert inside(root, root / "sub", named) == (None if found is None else Path(found))
 
 
-def test_an_inner_path_keeps_its_capitals_and_nothing_that_leads_out() -> None:
-    assert inner_path("C:\\Dive\\..\\IMG_1.JPG") == "Dive/IMG_1.JPG"
-    assert inner_path("/mnt/./im//1.png") == "mnt/im/1.png"
-    assert inner_path("../..") == ""
-
-
 def changed(path: Path, at: int) -> bytes:
     """The fingerprint after the byte there changed; the file is as before then."""
     content = path.read_bytes()
@@ -191,15 +184,3 @@ def test_a_gray_read_is_gray_whatever_the_format(tmp_path: Path, suffix: str) ->
     assert gray.shape == (16, 24)
     np.testing.assert_allclose(gray, 0.114 * 30 + 0.587 * 60 + 0.299 * 200, atol=3)
     np.testing.assert_allclose(decode(path, cv2.IMREAD_COLOR), colour, atol=4)
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan")])
-def test_a_length_is_above_0_and_finite(tmp_path: Path, value: float) -> None:
-    for plugin, option in [
-        (Seathru, "metres_per_unit"),
-        (Seathru, "focal_px"),
-        (SeathruNerf, "metres_per_unit"),
-        (Squid, "farthest_m"),
-    ]:
-        with pytest.raises(InputError, match=rf"\.{option}: {value}; .*[\[(]"):
-            plugin(tmp_path, **{option: value})

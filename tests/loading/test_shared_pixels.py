@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sucre_bench import Arrays, View
+from sucre_bench import View
 from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import OF_JPEG, write_png
@@ -63,11 +63,6 @@ def test_faults_of_files_are_raised_each_time(tmp_path: Path):
                 _ = view.rgb
 
 
-def test_a_scene_that_cannot_be_known_again_is_left_as_it_is(files: Files):
-    scene = Scene("reef", [View("a.png", files)], frozenset())
-    assert with_shared_pixels(scene) is scene
-
-
 @pytest.mark.parametrize(
     ("name", "suffix", "is_jpeg"),
     [("a.png", ".jpg", True), ("a.jpg", ".png", False), ("b.png", "", True)],
@@ -84,8 +79,3 @@ def test_a_jpeg_is_known_by_its_content_and_a_png_that_was_made_of_one(
     view = _shared(Files(tmp_path / name, (W, H)))
     assert view.is_jpeg is is_jpeg
     assert degraded(Scene("reef", [view], frozenset()), jpeg_quality=50)[0].is_jpeg
-
-
-@pytest.mark.parametrize(("name", "is_jpeg"), [("a.JPG", True), ("a.png", False)])
-def test_pixels_that_do_not_say_what_they_were_are_known_by_their_name(name: str, is_jpeg: bool):
-    assert View(name, Arrays(np.zeros((H, W, 3)))).is_jpeg is is_jpeg

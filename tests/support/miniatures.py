@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -99,6 +100,16 @@ def one_line(*parts: str) -> Iterator[None]:
     with pytest.raises(InputError) as fault:
         yield
     check_message(str(fault.value), *parts)
+
+
+def loader(dataset: Callable[..., Any]) -> Callable[..., Scene]:
+    """Return what opens a dataset that has one scene: of its root and its options."""
+
+    def load(root: Path, **options: object) -> Scene:
+        (scene,) = dataset(root=root, **options).scenes()
+        return scene
+
+    return load
 
 
 def cut(path: Path, share: float = 0.5) -> None:
