@@ -103,16 +103,6 @@ def test_a_hole_is_left_out_and_counted() -> None:
         np.testing.assert_allclose(r.rgb, r.patch.srgb, atol=1e-6)
 
 
-def test_what_lies_beyond_the_image_is_a_hole() -> None:
-    kind = chart_kind("dgk")
-    image = painted(kind, TILTED)
-    readings = measure(image[:, :210], Chart("c", "dgk", TILTED))
-    assert readings[0].coverage == 1
-    assert readings[5].coverage == 0
-    shifted = measure(image[:, 150:], Chart("c", "dgk", TILTED - [150, 0]))
-    assert (shifted[0].n_pixels, shifted[5].coverage) == (0, 1)
-
-
 def test_a_patch_smaller_than_a_pixel_is_the_pixel_at_its_centre() -> None:
     corners = np.array([[3, 2], [9, 2], [9, 6], [3, 6]], float)
     image = np.random.default_rng(1).random((9, 12, 3))
@@ -190,11 +180,6 @@ def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> Non
     path.write_text(OWN.format(illuminant="D50"))
     assert kind_id(str(path)) != same
     assert chart_kind(str(path)).patches[1].lab == (53.24, 80.09, 67.20)
-
-
-def test_a_chart_that_names_a_file_in_another_encoding_has_an_id(tmp_path: Path) -> None:
-    (tmp_path / "own.csv").write_bytes("# illuminant: café.csv\n".encode("cp1252"))
-    assert kind_id(str(tmp_path / "own.csv")) == "csv-unreadable"
 
 
 def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_path: Path) -> None:
@@ -312,8 +297,3 @@ def test_reflectances_are_refused_by_what_they_lack(
     with pytest.raises(InputError, match=r"own\.csv: ") as fault:
         chart_kind(str(tmp_path / "own.csv"))
     assert named <= names(fault.value)
-
-
-def test_a_description_that_is_not_there_names_the_file() -> None:
-    with pytest.raises(InputError, match=r"nowhere\.csv: "):
-        chart_kind("nowhere.csv")

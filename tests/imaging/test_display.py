@@ -7,7 +7,7 @@ import pytest
 
 from sucre_bench import InputError
 from sucre_bench.arrays import locked, once
-from sucre_bench.imaging.display import display, normalisation
+from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.scene import Water
@@ -97,19 +97,6 @@ def test_other_names_are_refused_with_those_there_are(how: str) -> None:
         display(IMAGE, how)
 
 
-@pytest.mark.parametrize(
-    ("how", "removes"),
-    [
-        ("stretch-1-99", True),
-        ("linear-stretch-0.5-99.5@scene", True),
-        ("black-1-white-99", False),  # one black for all channels
-        ("white-99", False),
-    ],
-)
-def test_only_a_stretch_of_each_channel_removes_offsets(how: str, removes: bool) -> None:
-    assert normalisation(how).removes_offsets is removes
-
-
 Q = [0, 1, 37.5, 99, 100]
 
 
@@ -173,16 +160,3 @@ def test_a_writable_array_is_computed_anew_since_it_may_have_changed() -> None:
     assert total(array) == 3
     array[0] = 5
     assert total(array) == 7
-
-
-def test_another_array_at_the_same_place_in_memory_gets_its_own_result() -> None:
-    for value in range(50):
-        assert total(locked(np.full(3, float(value)))) == 3 * value
-
-
-def test_locking_keeps_a_read_only_array_as_it_is_and_the_original_writable() -> None:
-    array = np.ones(3)
-    view = locked(array)
-    assert locked(view) is view
-    array[0] = 2
-    assert view[0] == 2

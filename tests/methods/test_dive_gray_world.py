@@ -6,10 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from support.made_scene import WATER, make_camera
+from support.made_scene import WATER
 
 from sucre_bench import Arrays, NotApplicableError, Scene, SolveError, View
-from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.methods.dive_gray_world import DiveGrayWorld, pooled
 
 HEIGHT, WIDTH = 90, 120
@@ -110,22 +109,6 @@ def test_the_dive_is_read_once_for_all_its_views():
     assert {view.name: Watched.reads[view.name] for view in views[2:]} == others
 
 
-def test_linear_views_reach_the_same_brightness_as_encoded_ones():
-    view, _ = in_water(0, 1, 4)
-    linear = View("a.png", Arrays(srgb_decode(view.rgb), view.depth), encoding="linear")
-    image = DiveGrayWorld(brightness=0.5, contrast=0.1).restore(dive(linear), linear).image
-    np.testing.assert_allclose(image.mean(axis=(0, 1)), srgb_decode(np.array(0.5)), atol=0.02)
-
-
-def test_distances_are_along_rays_where_there_is_a_camera():
-    view, _ = in_water(0, 1, 4)
-    camera = make_camera(WIDTH, HEIGHT, 60.0)
-    posed = View("a.png", view.pixels, camera=camera)
-    statistics = pooled(dive(posed), DiveGrayWorld(fewest=1), "gamma", "distance")
-    assert statistics.range_m[-1] > view.depth.max() + 0.2
-    assert DiveGrayWorld().restore(dive(posed), posed).info["along"] == "distance"
-
-
 def test_views_without_depth_are_left_out_and_refused():
     view, _ = in_water(0, 1, 4)
     flat = View("flat.png", Arrays(view.rgb))
@@ -135,11 +118,6 @@ def test_views_without_depth_are_left_out_and_refused():
         DiveGrayWorld().restore(dive(blind), blind)
     with pytest.raises(SolveError):
         pooled(dive(flat), DiveGrayWorld(), "gamma", "depth")
-
-
-def test_fewer_views_can_be_counted():
-    scene = dive(*(in_water(seed, 1, 4)[0] for seed in range(9)))
-    assert DiveGrayWorld(most_views=3).restore(scene, scene.views[4]).info["n_views"] == 3
 
 
 def test_by_place_evens_the_light_of_a_lamp_over_the_dive():

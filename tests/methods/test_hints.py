@@ -83,16 +83,6 @@ def words() -> list[tuple[str, str]]:
     return sorted(found)
 
 
-def test_options_stand_after_a_method():
-    of_sucre = {o.name for o in options_of(Sucre)}
-    bare = [
-        f"{file}: {option}={value}"
-        for file, owner, option, value in advised()
-        if not owner and option in of_sucre
-    ]
-    assert bare == []
-
-
 def test_every_advised_word_can_be_typed(tmp_path: Path):
     (tmp_path / "water.json").write_text(
         '{"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1]}'

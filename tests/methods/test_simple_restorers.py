@@ -7,23 +7,19 @@ import warnings
 import numpy as np
 import pytest
 import skimage.color
-from scipy.ndimage import gaussian_filter
 from skimage.color import lab2rgb, rgb2lab
 from support.forward_model import restored_image as restored
 from support.made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
 from sucre_bench.imaging.cielab import to_lab
-from sucre_bench.imaging.display import display
 from sucre_bench.methods.clahe import Clahe
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
 from sucre_bench.methods.mlle import (
     Mlle,
     balanced_chroma,
-    colour_transfer,
     corrected,
-    enhanced_lightness,
 )
 from sucre_bench.methods.red_compensation import RedCompensation
 from sucre_bench.methods.rghs import Rghs
@@ -55,12 +51,6 @@ def test_gray_world_makes_the_means_over_valid_pixels_equal() -> None:
     assert image.dtype == np.float32
 
 
-def test_gray_world_scales_pixels_without_depth_by_the_same_gains() -> None:
-    image = GrayWorld().restore(SCENE, TARGET).image
-    ratio = image / TARGET.rgb
-    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[-1, -1], ratio.shape), rtol=1e-5)
-
-
 @pytest.mark.parametrize("depth", [None, np.zeros((5, 7))])
 def test_gray_world_uses_every_pixel_where_no_depth_is_known(depth: np.ndarray | None) -> None:
     rgb = np.random.default_rng(0).uniform(0.1, 0.5, (5, 7, 3)) * [0.2, 1, 0.8]
@@ -77,15 +67,6 @@ def test_gray_world_leaves_a_black_channel_black() -> None:
     assert image[..., 1].mean() == pytest.approx(image[..., 2].mean(), rel=1e-5)
 
 
-def test_the_stretch_is_the_display_normalisation_of_the_papers_tables() -> None:
-    view = photo(TARGET.rgb)
-    np.testing.assert_allclose(
-        HistogramStretch().restore(alone(view), view).image,
-        display(view.rgb, "stretch-1-99"),
-        atol=1e-6,
-    )
-
-
 def test_the_stretch_takes_its_percentiles_over_valid_pixels() -> None:
     rgb = np.zeros((1, 103, 3))
     rgb[0, :101] = np.linspace(0.2, 0.7, 101)[:, None]
@@ -94,15 +75,6 @@ def test_the_stretch_takes_its_percentiles_over_valid_pixels() -> None:
     image = HistogramStretch(low=10, high=90).restore(alone(view), view).image
     np.testing.assert_allclose(image[0, 10::10, 1], [0, *np.arange(1, 8) / 8, 1, 1], atol=1e-6)
     np.testing.assert_allclose(image[0, 101:, 1], [0, 0.5], atol=1e-6)
-
-
-def test_the_stretch_leaves_a_constant_channel_alone() -> None:
-    rgb = np.random.default_rng(0).uniform(0, 1, (5, 7, 3))
-    rgb[..., 2] = 0.25
-    view = photo(rgb)
-    image = HistogramStretch().restore(alone(view), view).image
-    assert (image[..., 2] == 0.25).all()
-    assert np.isfinite(image).all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(-1, 99), (50, 50), (1, 101)])
@@ -150,16 +122,6 @@ def test_contrast_rises_and_colour_is_kept():
     np.testing.assert_allclose(after[..., 1:], before[..., 1:], atol=0.6)
 
 
-def test_a_higher_clip_gives_more_contrast():
-    spread = [to_lab(restored(Clahe(clip=clip), DULL))[..., 0].std() for clip in (1, 2, 4)]
-    assert spread[0] < spread[1] < spread[2]
-
-
-def test_lightness_is_not_reduced_to_a_few_values():
-    ramp = np.tile(np.linspace(0.05, 0.95, 256, dtype=np.float32)[None, :, None], (64, 1, 3))
-    assert len(np.unique(restored(Clahe(tiles=1), ramp)[0, :, 1])) > 120
-
-
 def test_one_tile_treats_equal_pixels_equally_and_many_do_not():
     halves = np.where(np.arange(128)[None, :, None] < 64, 0.2, 0.6) + 0.05 * RNG.random(
         (128, 128, 1)
@@ -185,15 +147,6 @@ def test_it_is_red_from_green_then_gray_world_then_a_stretch(strength: float, pe
     expected = ((image - low) / (high - low)).clip(0, 1)
     np.testing.assert_allclose(
         restored(RedCompensation(strength, percent), WATER), expected, atol=1e-5
-    )
-
-
-def test_red_is_lifted_and_nothing_where_blue_is_lacking():
-    lifted, left = restored(RedCompensation(), WATER), restored(RedCompensation(strength=0), WATER)
-    assert np.abs(lifted - left)[..., 0].max() > 0.05
-    swapped = np.ascontiguousarray(WATER[..., ::-1])
-    np.testing.assert_array_equal(
-        restored(RedCompensation(), swapped), restored(RedCompensation(strength=0), swapped)
     )
 
 
@@ -260,27 +213,7 @@ def test_an_image_is_stretched_as_published(image: np.ndarray, distance_m: float
     assert np.percentile(difference, 99) < 0.03
 
 
-@pytest.mark.parametrize("dead", [0, 1, 2])
-def test_a_dead_channel_is_left_alone(dead: int):
-    image = RED_LOST.copy()
-    image[..., dead] = 0
-    result = restored(Rghs(), image)
-    assert np.isfinite(result).all()
-    assert 0 <= result.min() <= result.max() <= 1
-
-
 MURK = np.float32([0.1, 0.5, 0.4]) * (0.7 + 0.6 * RNG.random((41, 57, 3), dtype=np.float32))
-
-
-def transferred(rgb: np.ndarray) -> np.ndarray:
-    """The colour transfer image by the publication's iteration, in float64."""
-    even = rgb.astype(np.float64)
-    strongest = even.mean(axis=(0, 1)).argmax()
-    for _ in range(200):
-        lacking = even[..., strongest].mean() - even.mean(axis=(0, 1))
-        even = even + lacking * even[..., strongest, None]
-    low, high = even.min(axis=(0, 1)), even.max(axis=(0, 1))
-    return (even - low) / (high - low)
 
 
 def by_blocks(light: np.ndarray, side: int, contrast: float) -> np.ndarray:
@@ -293,29 +226,6 @@ def by_blocks(light: np.ndarray, side: int, contrast: float) -> np.ndarray:
         gain = min(light.var() / max(block.var(), 1e-8), contrast)
         result[y, x] = block.mean() + gain * (light[y, x] - block.mean())
     return result
-
-
-def test_the_colour_transfer_image_is_the_limit_of_the_published_iteration() -> None:
-    np.testing.assert_allclose(colour_transfer(MURK), transferred(MURK), atol=1e-5)
-
-
-def test_colours_are_replaced_most_where_a_channel_is_dark() -> None:
-    rgb = MURK.astype(np.float64)
-    share = 1 - rgb.min(axis=-1, keepdims=True) ** 1.2
-    detail = rgb - gaussian_filter(rgb, 1, mode="mirror", axes=(0, 1))
-    expected = detail + share * transferred(rgb) + (1 - share) * rgb
-    # OpenCV cuts the Gaussian at 3 sigma
-    np.testing.assert_allclose(corrected(MURK, 1.2), expected, atol=5e-3)
-
-
-@pytest.mark.parametrize("side", [3, 25])
-def test_lightness_moves_from_the_mean_of_its_block_by_no_more_than_the_greatest_gain(
-    side: int,
-) -> None:
-    # smooth blocks on the left, rough ones on the right
-    light = RNG.random((30, 40)) * np.linspace(0.05, 1, 40)
-    enhanced = enhanced_lightness(light.astype(np.float32), side, 2)
-    np.testing.assert_allclose(enhanced, by_blocks(light, side, 2), atol=1e-4)
 
 
 def test_the_lower_of_the_two_chroma_means_is_raised() -> None:

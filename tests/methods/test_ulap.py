@@ -60,12 +60,6 @@ def test_the_transmission_of_each_channel_is_what_remains_after_the_stretched_de
         )
 
 
-@pytest.mark.parametrize("remaining", [(), (0.8, 0.9), (0.8, 0.9, 0.9, 0.9)])
-def test_what_remains_of_other_than_three_channels_is_refused(remaining: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match=r"^ulap\.remaining: \("):
-        Ulap(remaining=remaining)
-
-
 A = np.array([0.1, 0.7, 0.8])
 
 
@@ -123,23 +117,6 @@ def test_made_haze_is_measured() -> None:
     t = np.nanmean(transmission_of(image, result)[30:], axis=(1, 2))
     np.testing.assert_allclose(t, truth[30:, 0], atol=0.06)
     assert np.corrcoef(t, truth[30:, 0])[0, 1] > 0.99
-
-
-def test_the_transmission_follows_the_edges_of_the_image() -> None:
-    """Taken window by window without refinement, the near side's transmission bleeds into the far side."""
-    t = np.where(np.arange(64) < 32, 0.3, 0.8) * np.ones((64, 1))
-    image = hazy(np.zeros((64, 64, 3)), A, t).astype(np.float32)
-    image[:4] = A  # the veiling light is seen somewhere
-    raw = dark_by_hand(image, 9)[20:, 28:32]
-    fine = transmission_of(image, restored(Udcp(radius=8), image))[20:, 28:32, 2]
-    assert np.abs(raw - 0.3).max() == pytest.approx(0.5, abs=1e-5)
-    assert np.abs(fine - 0.3).mean() < 0.5 * np.abs(raw - 0.3).mean()
-
-
-def test_the_transmission_keeps_within_its_bounds() -> None:
-    info = restored(Udcp(), made()[0]).info
-    assert info["transmission_min"] == [pytest.approx(0.2)]
-    assert restored(Udcp(greatest=0.5), made()[0]).info["transmission_max"] == [0.5]
 
 
 def test_a_window_without_a_middle_is_refused() -> None:

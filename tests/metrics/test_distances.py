@@ -84,22 +84,6 @@ def test_a_chart_without_depth_is_nan_with_coverage_0(at: Array | None) -> None:
     assert (found.n_pixels, found.coverage) == (0, 0)
 
 
-def test_a_sphere_about_the_camera_has_no_variance_and_two_have_that_of_their_radii() -> None:
-    depth = radius_to_depth(3)
-    assert variance(depth).value == pytest.approx(0, abs=1e-10)
-    depth[:, :160] = radius_to_depth(5)[:, :160]
-    assert variance(depth).value == pytest.approx(1, abs=1e-5)
-
-
-def test_pixels_without_depth_do_not_vary() -> None:
-    depth = radius_to_depth(3)
-    depth[:60] = 0
-    found = variance(depth)
-    assert found.value == pytest.approx(0, abs=1e-10)
-    assert (found.n_pixels, found.coverage) == (180 * 320, 0.75)
-    assert np.isnan(variance(np.zeros((240, 320), np.float32)).value)
-
-
 def test_without_a_camera_there_is_no_distance_and_the_view_is_named() -> None:
     for metric in (lambda: chart_score(plane_depth(), None), lambda: variance(plane_depth(), None)):
         with pytest.raises(NotApplicableError, match=r"a\.png: no camera"):

@@ -56,10 +56,6 @@ def test_charts_and_holes_do_not_count() -> None:
     assert found.coverage == pytest.approx(found.n_pixels / 5000)
 
 
-def test_a_picture_without_colours_has_no_score() -> None:
-    assert np.isnan(score(np.full((48, 64, 3), np.nan, np.float32)).value)
-
-
 NAN = np.nan
 IMAGE = np.array(
     [[[0.1, 0.2, 0.3], [-0.1, 0.2, -0.3]], [[NAN, 0.2, 0.3], [1.5, -0.2, 0.0]]], np.float32
@@ -83,21 +79,9 @@ def test_coverage_of_depth_asks_only_for_pixels_with_depth() -> None:
     assert counted(Coverage(), "depth") == []
 
 
-def test_a_depth_map_without_depth_has_no_coverage() -> None:
-    (found,) = counted(Coverage(), "depth", depth=np.zeros((2, 2), np.float32))
-    assert np.isnan(found.value)
-    assert found.coverage == 0
-
-
 @pytest.mark.parametrize(("variant", "count"), [("any", 2), ("red", 1), ("green", 1), ("blue", 1)])
 def test_negative_is_the_share_of_coloured_pixels_below_0(variant: str, count: int) -> None:
     assert counted(Negative(), variant) == [Score(count / 3, "image", 3, 0.75)]
-
-
-def test_negative_of_nothing_is_nan() -> None:
-    (found,) = counted(Negative(), "any", np.full_like(IMAGE, NAN))
-    assert np.isnan(found.value)
-    assert (found.n_pixels, found.coverage) == (0, 0)
 
 
 def test_negative_reads_the_computed_image_not_the_shown_one() -> None:

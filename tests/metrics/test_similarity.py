@@ -41,13 +41,6 @@ def test_a_difference_of_a_tenth_is_20_db() -> None:
     )
 
 
-def test_equal_images_are_infinitely_similar_by_psnr_and_1_by_ssim() -> None:
-    for variant in Psnr.__plugin__.variants:
-        assert score(Psnr(), variant, REFERENCE).value == np.inf
-    for variant in Ssim.__plugin__.variants:
-        assert score(Ssim(), variant, REFERENCE).value == 1
-
-
 def test_psnr_is_over_pixels_with_a_colour_and_depth_only() -> None:
     given = RNG.random((40, 50)) < 0.7
     depth = np.where(RNG.random((40, 50)) < 0.6, 2.0, 0).astype(np.float32)
@@ -56,15 +49,6 @@ def test_psnr_is_over_pixels_with_a_colour_and_depth_only() -> None:
     truth = -10 * np.log10(np.mean((SHOWN.astype(float) - REFERENCE)[both] ** 2))
     assert found.value == pytest.approx(truth, abs=1e-9)
     assert (found.n_pixels, found.coverage) == (both.sum(), both.mean())
-
-
-def test_masking_does_not_reward_a_small_area() -> None:
-    reference = np.full((40, 50, 3), 0.5, np.float32)
-    shown = np.full_like(reference, np.nan)
-    shown[:10, :10] = 0.6  # 5 % of the image
-    assert score(Psnr(), "masked", shown, reference).value == pytest.approx(20, abs=1e-4)
-    black = -10 * np.log10(0.05 * 0.01 + 0.95 * 0.25)
-    assert score(Psnr(), "unmasked", shown, reference).value == pytest.approx(black, abs=1e-4)
 
 
 @pytest.mark.parametrize("metric", [Psnr(), Ssim()])

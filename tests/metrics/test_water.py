@@ -39,13 +39,6 @@ def test_error_is_relative_to_the_truth_by_channel_and_in_the_mean(
     np.testing.assert_allclose([s.value for s in found.values()], [mean, *errors], atol=1e-12)
 
 
-def test_an_exact_estimate_has_no_error() -> None:
-    assert (
-        scores("attenuation", Restoration(IMAGE, TRUTH, info={"true_water": TRUTH}))["image"].value
-        == 0
-    )
-
-
 def test_without_an_estimate_or_a_truth_there_is_no_score() -> None:
     assert not scores("attenuation", Restoration(IMAGE, info={"true_water": TRUTH}))
     assert not scores("attenuation", Restoration(IMAGE, ESTIMATE))
@@ -58,10 +51,6 @@ def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() ->
     )
     assert not scores("attenuation", restored)
     assert scores("veiling_light", restored)["image"].value == pytest.approx(0.5 / 3)
-
-
-def test_all_three_parameters_are_scored_by_default() -> None:
-    assert Water.__plugin__.default == ("attenuation", "backscatter", "veiling_light")
 
 
 KNOWN = SceneWater(
@@ -89,22 +78,6 @@ def test_every_channel_of_every_parameter_passes_through(name: str, values: list
     found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
     np.testing.assert_array_equal([score.value for (score,) in found], values)
     assert all(score.region == "image" for (score,) in found)
-
-
-def test_all_nine_are_asked_for_by_default() -> None:
-    assert len(WaterParameters.__plugin__.default) == 9
-    assert set(WaterParameters.__plugin__.default) == set(WaterParameters.__plugin__.variants)
-
-
-def test_without_an_estimate_there_is_no_score() -> None:
-    assert not parameters("attenuation-red", None)
-
-
-def test_coverage_is_that_of_the_restoration() -> None:
-    holed = IMAGE.copy()
-    holed[0, 0] = np.nan
-    (score,) = parameters("attenuation-red", KNOWN, holed)
-    assert (score.n_pixels, score.coverage) == (3, 0.75)
 
 
 @pytest.mark.parametrize(

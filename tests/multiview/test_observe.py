@@ -1,8 +1,5 @@
 """What all views show of a target, against the matches it is made of and against colours worked out by hand."""
 
-import re
-import threading
-import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.made_scene import make_camera, make_pose, make_scene
-from support.places import DATA
 
 from sucre_bench import Arrays, InputError, SolveError, View
-from sucre_bench.machine.progress import watched_by
 from sucre_bench.multiview import observe as module
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -24,7 +19,6 @@ from sucre_bench.multiview.pairing import lift, match
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
 OWN = 1  # its place in the scene
-REAL = DATA / "seathru_d5_charts"
 
 Seen = dict[int, list[tuple[int, float, tuple[float, ...]]]]
 
@@ -310,14 +304,6 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
     assert hidden.loaded == ["depth"]
 
 
-def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> None:
-    wrong = replace(
-        SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth[:-1])
-    )
-    (fault,) = observe(TARGET, [TARGET, wrong]).unreadable
-    assert re.match(r"far\.png: .*56x49, .*56x50; ", fault)
-
-
 def test_the_result_does_not_depend_on_how_many_threads_there_are(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -329,34 +315,6 @@ def test_the_result_does_not_depend_on_how_many_threads_there_are(
     assert one.views == three.views
     for field in ("pixels", "counts", "distance", "colour", "view"):
         assert np.array_equal(getattr(one, field), getattr(three, field))
-
-
-def test_threads_end_when_the_work_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(40)]
-    target = replace(views[0], pixels=Watched(TARGET.pixels, "0.png: damaged"))
-    monkeypatch.setattr(module, "usable_cores", lambda: 3)
-    before = set(threading.enumerate())
-    with pytest.raises(InputError, match="damaged"):
-        observe(target, [target, *views[1:]])
-    assert set(threading.enumerate()) <= before
-    assert sum("rgb" in view.pixels.loaded for view in views) <= 3 + 2
-
-
-def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "usable_cores", lambda: 2)
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(50)]
-    begun: list[int] = []  # views, each time that one more is taken
-
-    def slow(event: str, *_: object) -> None:
-        if event == "advanced":
-            if len(begun) < 3:
-                time.sleep(0.05)  # for the threads to run on, if they may
-            begun.append(sum("rgb" in view.pixels.loaded for view in views))
-
-    with watched_by(slow):
-        observe(views[0], views)
-    assert len(begun) == 50
-    assert all(n <= taken + 3 for taken, n in enumerate(begun, 1))
 
 
 def test_too_little_memory_is_told_early_and_in_one_line(
@@ -389,16 +347,3 @@ def test_wrong_options_are_told_with_what_there_is() -> None:
         observe(TARGET, SCENE.views, encoding="log")
     with pytest.raises(InputError, match=r"^tolerance=3: "):
         observe(TARGET, SCENE.views, rule="depth", tolerance=3)
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is absent")
-@pytest.mark.parametrize(
-    ("name", "published"), [("LFT_3411.png", 2_173_610), ("D5_fig01_LFT_3374.png", 3_145_256)]
-)
-def test_real_images_give_as_many_observations_as_the_two_map_form(
-    name: str, published: int
-) -> None:
-    import sucre_bench as sb
-
-    scene = next(iter(sb.load_scenes("colmap", root=str(REAL))))
-    assert len(observe(scene[name], scene.views)) == pytest.approx(published, rel=1e-5)

@@ -9,7 +9,7 @@ import pytest
 from support.made_scene import hit, make_camera, make_pose, make_scene, make_view
 
 from sucre_bench import Arrays, Camera, InputError, View
-from sucre_bench.multiview.pairing import Matches, Surface, lift, match, own_matches, visible_pixels
+from sucre_bench.multiview.pairing import Matches, Surface, lift, match, visible_pixels
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
@@ -157,51 +157,12 @@ def test_by_depth_every_point_in_view_is_paired_and_no_hidden_one(name: str) -> 
         assert hidden.sum() > 20
 
 
-def test_a_target_is_paired_with_itself_wherever_it_has_depth() -> None:
-    own = own_matches(lift(TARGET))
-    assert sorted(own.pixels) == np.flatnonzero(TARGET.depth).tolist()
-    assert (own.others == own.pixels).all()
-    np.testing.assert_allclose(own.distance, TARGET.distance.ravel()[own.pixels], rtol=1e-6)
-
-
-def line_view(name: str, focal: float, shift: float) -> View:
-    """A row of four pixels, all at depth 1, that sees the point X at x = focal X + shift."""
-    camera = Camera(np.array([[focal, 0, shift], [0, 1, 0], [0, 0, 1.0]]), 4, 1)
-    return View(name, Arrays(np.zeros((1, 4, 3)), np.ones((1, 4))), camera, np.eye(4))
-
-
-def test_a_point_that_lands_left_of_the_other_view_is_not_matched() -> None:
-    # Pixel 0 (centre .5) lands at 3 * .5 - 1.8 = -.3. Truncated to pixel 0, whose centre goes back to
-    # (.5 + 1.8) / 3 = .77, it would seem matched.
-    found = match(lift(line_view("a", 1, 0)), line_view("b", 3, -1.8))
-    assert 0 not in found.pixels
-    # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
-    assert found.pixels.tolist() == [1]
-
-
-def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:
-    # Pixel 0 lands at .25 * .5 + .7 = .825, in pixel 0, whose centre goes back to (.5 - .7) / .25 = -.8.
-    found = match(lift(line_view("a", 1, 0)), line_view("b", 0.25, 0.7))
-    assert 0 not in found.pixels
-    assert found.pixels.tolist() == [3]  # 1.575 -> pixel 1, back (1.5 - .7) / .25 = 3.2
-
-
 def everywhere(surface: Surface) -> Surface:
     """The surface with tiles that reach a kilometre in every direction: every view may see them."""
     corner = np.array(list(itertools.product((-1e3, 1e3), repeat=3))).T  # (3, 8)
     return replace(
         surface, tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1)
     )
-
-
-@pytest.mark.parametrize("rule", ["mutual", "depth"])
-def test_points_behind_the_other_camera_are_not_matched(rule: str) -> None:
-    # Back to back in one place: dividing by the negative depth would mirror every point into the image, and back.
-    camera = make_camera(20, 16, 20)
-    forward, backward = make_pose((0, 0, 0)), make_pose((0, 0, 0), yaw=np.pi)
-    arrays = Arrays(np.zeros((16, 20, 3)), np.ones((16, 20)))
-    surface = everywhere(lift(View("a", arrays, camera, forward)))
-    assert len(match(surface, View("b", arrays, camera, backward), rule).pixels) == 0
 
 
 @pytest.mark.parametrize("ahead_m", [3, -3])

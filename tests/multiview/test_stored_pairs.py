@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.made_scene import make_scene
 
-from sucre_bench import Arrays, Scene, SolveError, View
+from sucre_bench import Arrays, Scene, View
 from sucre_bench.multiview import observations as mapped, stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -163,20 +163,6 @@ def test_what_a_killed_process_left_is_cleared_away(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
-    scene = counted_scene()
-    blind = replace(scene["a.png"], pixels=Arrays(np.zeros((44, 60, 3)), np.zeros((44, 60))))
-    with pytest.raises(SolveError, match="depth"):
-        stored(scene, blind, tmp_path)
-    assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]
-
-
-def test_what_is_done_to_the_arrays_does_not_reach_the_files(tmp_path: Path) -> None:
-    scene = counted_scene()
-    stored(scene, scene["a.png"], tmp_path).distance[:] = 0
-    assert stored(scene, scene["a.png"], tmp_path).distance.min() > 0
-
-
 def test_two_at_once_pair_once_and_both_are_served(tmp_path: Path) -> None:
     scenes = [counted_scene() for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
@@ -184,12 +170,6 @@ def test_two_at_once_pair_once_and_both_are_served(tmp_path: Path) -> None:
     assert sum(n_loads(scene) > 0 for scene in scenes) == 1
     for one in made[1:]:
         assert_equal(made[0], one)
-
-
-def test_a_scene_without_an_id_is_not_kept(tmp_path: Path) -> None:
-    scene = counted_scene(data_id="")
-    assert_equal(observe(scene["a.png"], scene.views), stored(scene, scene["a.png"], tmp_path))
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_no_fault(

@@ -18,18 +18,6 @@ from sucre_bench.methods.doors.process import Ended, run_program
 # -- what goes in and out --------------------------------------------------------------------------------
 
 
-def test_an_8_bit_image_passes_unchanged(temporary: Path):
-    np.testing.assert_array_equal(restored("cp {input} {output}").image, RGB)
-    assert not list(temporary.iterdir())
-    assert not (temporary.parent / "pwned").exists()
-
-
-def test_16_bits_are_16_bits():
-    rgb = np.random.default_rng(0).random((4, 6, 3), dtype=np.float32)
-    image = restored("cp {input} {output}", scene_of("a.png", rgb=rgb), bits=16).image
-    assert 0 < np.abs(image - rgb).max() < 0.51 / 65535
-
-
 def test_depth_comes_in_millimetres_or_metres():
     scene = scene_of("a.png", depth=DEPTH)
     image = restored("cp {depth} {output}", scene).image

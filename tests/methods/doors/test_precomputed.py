@@ -19,9 +19,7 @@ from sucre_bench import (
     Scene,
     View,
     restore,
-    score,
 )
-from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed
 from sucre_bench.methods.doors.precomputed import SUFFIXES, ImageFolder
@@ -104,12 +102,6 @@ def test_an_image_is_never_guessed(
         find_image(tmp_path, views[0], views)
 
 
-def test_a_view_never_gets_another_views_image(tmp_path: Path):
-    touch(tmp_path, "right/a.png")
-    with pytest.raises(NotApplicableError, match=r" left/a or a "):
-        find_image(tmp_path, "left/a.png", ["left/a.png", "right/a.png"])
-
-
 def test_a_view_without_an_image_is_skipped_and_told_the_nearest_name(tmp_path: Path):
     touch(tmp_path, "GOPR0013.png", "GOPR0456.png")
     with pytest.raises(NotApplicableError) as fault:
@@ -155,15 +147,6 @@ def test_a_pattern_that_cannot_work_is_refused_at_once(
         Precomputed(tmp_path, pattern=pattern)
 
 
-def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path: Path):
-    with pytest.raises(MissingFileError, match="nowhere: "):
-        Precomputed(tmp_path / "nowhere")
-    (tmp_path / "file").touch()
-    with pytest.raises(FileError, match="file: ") as fault:
-        Precomputed(tmp_path / "file")
-    assert not isinstance(fault.value, MissingFileError)
-
-
 # -- what the values mean ----------------------------------------------------------------------------------
 
 
@@ -183,13 +166,6 @@ def write(path: Path, levels: np.ndarray) -> None:
 def test_red_is_red_in_every_kind_of_file(tmp_path: Path, suffix: str):
     write(tmp_path / f"a{suffix}", LEVELS)
     np.testing.assert_allclose(restored(tmp_path).image, RGB, atol=1e-6)
-
-
-def test_red_is_red_in_a_jpeg(tmp_path: Path):
-    Image.new("RGB", (6, 4), (200, 100, 20)).save(tmp_path / "a.jpg", quality=100)
-    np.testing.assert_allclose(
-        restored(tmp_path).image, np.full((4, 6, 3), [200, 100, 20]) / 255, atol=0.02
-    )
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".webp", ".npy"])
@@ -263,16 +239,6 @@ def test_another_size_is_an_error_unless_resizing_is_asked_for_and_is_then_told(
     np.testing.assert_allclose(result.image, by_area, atol=1e-6)
 
 
-def test_resizing_makes_no_colour_up_where_there_is_none(tmp_path: Path):
-    small = RGB[:2, :3].copy()
-    small[0, 0] = np.nan
-    np.save(tmp_path / "a.npy", small)
-    image = restored(tmp_path, resize=True).image
-    assert np.isnan(image[:2, :2]).all()
-    assert np.isfinite(image[:, 5]).all()
-    assert np.nanmax(image) <= np.nanmax(small)
-
-
 def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS[:, :4])
     with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*precomputed\.resize)"):
@@ -298,29 +264,7 @@ def test_an_array_that_is_no_restored_image_is_named(
     assert named <= names(fault.value)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".npy", ".npz"])
-@pytest.mark.parametrize("content", [b"", b"no image", "cut"])
-def test_a_damaged_file_is_named(tmp_path: Path, suffix: str, content: bytes | str):
-    path = tmp_path / f"a{suffix}"
-    rng = np.random.default_rng(0)
-    if content == "cut":
-        write(path, rng.integers(0, 255, (40, 60, 3), dtype=np.uint8))
-        content = path.read_bytes()[: path.stat().st_size // 2]
-    path.write_bytes(content)
-    scene = scene_of("a.png", size=(60, 40))
-    with pytest.raises(InputError, match=f"a{suffix}: "):
-        restore("precomputed", scene, scene.views[0], folder=tmp_path)
-
-
 # -- what comes with it ------------------------------------------------------------------------------------
-
-
-def test_what_it_took_is_not_known_and_not_invented(tmp_path: Path):
-    write(tmp_path / "a.png", LEVELS)
-    result = restored(tmp_path)
-    assert np.isnan([result.info["seconds"], result.info["peak_mb"]]).all()
-    assert (result.info["file"], result.info["device"]) == ("a.png", "unknown")
-    assert np.isnan(score(result, scene_of("a.png").views[0], ["uciqe"])["seconds"]).all()
 
 
 def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_path: Path):
@@ -363,22 +307,6 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
     water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water
     assert water.encoding == expected
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
-
-
-@pytest.mark.parametrize("told", ["raw", ["gamma"], 2])
-def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
-    write(tmp_path / "a.png", LEVELS)
-    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "encoding": told}))
-    with pytest.raises(InputError, match=r"a\.json: encoding .*gamma, linear or view"):
-        restored(tmp_path)
-
-
-@pytest.mark.parametrize("text", ['{"B": [1, 2]}', '{"B": "blue"}', '{"B": [1, 2'])
-def test_a_water_that_is_none_is_named(tmp_path: Path, text: str):
-    write(tmp_path / "a.png", LEVELS)
-    (tmp_path / "a.json").write_text(text)
-    with pytest.raises(InputError, match=r"a\.json: .*\bB\b"):
-        restored(tmp_path)
 
 
 def test_what_a_run_keeps_comes_in_again(bench, toys: str, tmp_path: Path):

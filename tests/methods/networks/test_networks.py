@@ -7,7 +7,7 @@ import pytest
 from support import lazy_torch as torch
 from support.made_networks import NOISE, OWN_SIZE, random_state, restored, saved
 
-from sucre_bench import Arrays, InputError, Scene, View, restore
+from sucre_bench import Arrays, Scene, View, restore
 from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.methods.networks.run_torch import read_state
 from sucre_bench.methods.networks.sizes import limited, resized
@@ -78,10 +78,3 @@ def test_a_longest_side_scales_larger_views_down_and_no_view_up(files: dict[str,
     small = restored("water_net", NOISE, weights=files["water_net"], longest_side=12)
     at_10x12 = restored("water_net", resized(NOISE, 10, 12).clip(0, 1), weights=files["water_net"])
     np.testing.assert_allclose(small, resized(at_10x12, 20, 24), atol=1e-5)
-
-
-def test_a_gpu_that_is_not_there_is_an_error_and_auto_goes_without(files: dict[str, Path]):
-    if torch.cuda.is_available():
-        pytest.skip("this machine has a GPU")
-    with pytest.raises(InputError, match="no GPU"):
-        restored("water_net", NOISE, weights=files["water_net"], device="cuda")

@@ -10,7 +10,7 @@ from onnx.helper import make_node
 from support.made_networks import onnx_file
 from support.messages import refused
 
-from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
+from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore
 from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks.onnx import opened
 from sucre_bench.methods.networks.sizes import resized
@@ -35,62 +35,6 @@ def constants(**values: Any) -> dict[str, np.ndarray]:
 
 
 # -- a network from training to scores ---------------------------------------------------------------------
-
-
-def clear_and_made_underwater(count: int, side: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Smooth random pictures, and how they look in a green water at 2 m: I = J a + B (1 - a)."""
-    coarse = np.random.default_rng(seed).random((count, 6, 6, 3), dtype=np.float32)
-    clear = np.stack([resized(c, side, side).clip(0, 1) for c in coarse])
-    a = np.exp(-2 * np.float32([0.5, 0.12, 0.2]))
-    return clear, clear * a + np.float32([0.05, 0.35, 0.3]) * (1 - a)
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two convolutions, trained on sixteen pairs, as ONNX: given in [-1, 1], any size."""
-    import torch
-    from torch.nn import functional
-
-    draw = torch.Generator().manual_seed(0)
-    sizes = [(12, 3, 3, 3), (12,), (3, 12, 3, 3), (3,)]
-    w1, b1, w2, b2 = w = [
-        (0.2 * torch.randn(size, generator=draw)).requires_grad_() for size in sizes
-    ]
-    clear, water = (
-        torch.from_numpy(2 * x.transpose(0, 3, 1, 2) - 1)
-        for x in clear_and_made_underwater(16, 24, seed=0)
-    )
-    steps = torch.optim.Adam(w, lr=0.02)
-    for _ in range(150):
-        steps.zero_grad()
-        guess = functional.conv2d(
-            functional.conv2d(water, w1, b1, padding=1).relu(), w2, b2, padding=1
-        )
-        (guess - clear).square().mean().backward()
-        steps.step()
-    nodes = [
-        make_node("Conv", ["x", "w1", "b1"], ["h"], pads=[1] * 4),
-        make_node("Relu", ["h"], ["r"]),
-        make_node("Conv", ["r", "w2", "b2"], ["y"], pads=[1] * 4),
-    ]
-    values = dict(zip(("w1", "b1", "w2", "b2"), (x.detach().numpy() for x in w), strict=True))
-    return onnx_file(tmp_path_factory.mktemp("onnx") / "trained.onnx", nodes, values)
-
-
-def psnr(restoration: Restoration, view: View) -> float:
-    rows = score(restoration, view, ["psnr"])
-    return float(rows.loc[rows["metric"] == "psnr", "value"].iloc[0])
-
-
-def test_a_network_trained_on_made_water_restores_a_picture_it_never_saw(trained: Path):
-    clear, water = (x[0] for x in clear_and_made_underwater(1, 48, seed=7))
-    view = View("new.png", Arrays(water, reference=clear))
-    scene = Scene("s", [view], frozenset({"reference"}))
-    network = {"model": trained, "range": "symmetric"}
-    made = (restore("underwater", scene, view), restore("onnx", scene, view, **network))
-    before, after = (psnr(restoration, view) for restoration in made)
-    assert before < 15
-    assert after > before + 8
 
 
 # -- orders, layouts, ranges -------------------------------------------------------------------------------
@@ -136,29 +80,12 @@ def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: P
     )
 
 
-def test_imagenet_statistics_stay_with_their_colours_when_the_order_is_turned(tmp_path: Path):
-    first = onnx_file(tmp_path / "same.onnx", [SAME])
-    rgb, bgr = (
-        restored(NOISE, model=first, range="imagenet", output_range="unit", order=o)
-        for o in ("rgb", "bgr")
-    )
-    np.testing.assert_array_equal(rgb, bgr)  # the same numbers, there and back
-
-
 def test_whole_numbers_are_rounded_and_need_their_range(tmp_path: Path):
     path = onnx_file(tmp_path / "u8.onnx", [SAME], dtype="UINT8", output_dtype="UINT8")
     image = restored(NOISE, model=path, range="bytes")
     np.testing.assert_allclose(image, np.rint(255 * NOISE) / 255, atol=1e-6)
     with pytest.raises(InputError, match=r"u8\.onnx: .*onnx\.range=bytes"):
         restored(NOISE, model=path)
-
-
-@pytest.mark.parametrize(("dtype", "close"), [("FLOAT16", 1e-3), ("DOUBLE", 1e-6)])
-def test_other_floats_are_given_as_declared(dtype: str, close: float, tmp_path: Path):
-    path = onnx_file(tmp_path / "same.onnx", [SAME], dtype=dtype, output_dtype=dtype)
-    image = restored(NOISE, model=path)
-    assert image.dtype == np.float32
-    np.testing.assert_allclose(image, NOISE, atol=close)
 
 
 # -- sizes -------------------------------------------------------------------------------------------------
@@ -191,13 +118,6 @@ def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_pa
     np.testing.assert_allclose(restored(image, model=path, multiple=2), expected, atol=1e-6)
     with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*onnx.multiple"):
         restored(image, model=path)
-
-
-def test_an_enlarged_answer_is_brought_back_to_the_views_size(tmp_path: Path):
-    smooth = resized(NOISE[::5, ::6], 20, 24)
-    image = restored(smooth, model=halves(tmp_path / "double.onnx", 4))
-    assert image.shape == smooth.shape
-    assert np.abs(image - smooth).mean() < 0.03
 
 
 # -- files -------------------------------------------------------------------------------------------------
@@ -305,18 +225,6 @@ def test_a_model_is_opened_once_and_again_when_its_file_changes(tmp_path: Path):
     np.testing.assert_allclose(restored(NOISE, model=path), -NOISE, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["ones.bin", "w" * 200 + ".data"])
-def test_a_model_is_opened_again_when_the_weights_beside_it_change(name: str, tmp_path: Path):
-    (tmp_path / name).write_bytes(np.ones(3, np.float32).tobytes())
-    path = with_weights_in(name, tmp_path / "m.onnx")
-    first = opened(path, "auto", "auto", "")
-    assert opened(path, "auto", "auto", "") is first
-    (tmp_path / "new").write_bytes(np.full(3, 0.5, np.float32).tobytes())
-    os.utime(tmp_path / "new", ns=(0, 10**18))  # however soon after the first
-    (tmp_path / "new").replace(tmp_path / name)
-    np.testing.assert_array_equal(restored(NOISE, model=path), NOISE / 2)
-
-
 def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
     (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
     with pytest.raises(InputError, match=r"none; .*onnx\.model"):
@@ -338,9 +246,3 @@ def test_a_gpu_that_is_not_there_is_an_error(tmp_path: Path):
         pytest.skip("this machine has a GPU")
     with pytest.raises(InputError, match="no GPU"):
         restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), device="cuda")
-
-
-@pytest.mark.parametrize("options", [{"size": 0}, {"overlap": 600}, {"tile": 100}])
-def test_options_out_of_range_are_refused_before_any_work(options: dict[str, Any], tmp_path: Path):
-    with pytest.raises(InputError, match=r"onnx\.(multiple|size|tile|overlap)"):
-        restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), **options)

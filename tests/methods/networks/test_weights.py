@@ -10,7 +10,6 @@ from support import lazy_torch as torch
 from support.made_networks import ARCHITECTURES, NOISE, empty_network, random_state, restored, saved
 from support.messages import refused
 
-from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks.run_torch import read_state
 
@@ -134,24 +133,3 @@ def test_weights_that_are_not_there_are_a_missing_file(method: str, tmp_path: Pa
     path = tmp_path / "given.pth"
     with refused(str(path), "method.weights", error=MissingFileError):
         restored(method, NOISE, weights=path)
-
-
-@pytest.mark.parametrize(
-    ("method", "options"),
-    [
-        ("funie_gan", {"size": 100}),
-        ("water_net", {"clahe_clip": float("inf")}),
-        ("tacl", {"longest_side": -1}),
-    ],
-)
-def test_options_out_of_range_are_refused_before_any_work(
-    method: str, options: dict[str, Any], files: dict[str, Path]
-):
-    with pytest.raises(InputError, match=next(iter(options))):
-        restored(method, NOISE, weights=files[method], **options)
-
-
-@pytest.mark.parametrize("method", ARCHITECTURES)
-def test_the_weights_must_be_given(method: str):
-    with pytest.raises(InputError, match="weights: "):
-        restored(method, NOISE)
