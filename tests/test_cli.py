@@ -2,18 +2,15 @@
 
 import errno
 import json
-import math
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 from support.command_line import HEAVY
 
-from sucre_bench import results
 from sucre_bench.commands.completion import completion
 from sucre_bench.errors import Lack
 
@@ -148,20 +145,6 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
     assert latex.startswith("\\begin{tabular}{lr}\n\\toprule")
     by_view = bench("compare", "results", "--by", "view", "--format", "csv").stdout
     assert 'toy · v1.png,"gain,gain=0.5"' in by_view
-
-
-def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
-    part = results.Part(tmp_path / "results", "one")
-    base = results.Row(
-        "reef", "cove", method="m", value=math.nan, status="failed", reason="ValueError: boom"
-    )
-    part.add([replace(base, view=f"v{n}.png") for n in range(4)])
-    part.flush()
-    for more in ([], ["--json"]):
-        done = bench("compare", "results", *more)
-        assert (done.returncode, done.stdout) == (2, "")
-        (line,) = done.errors
-    assert re.fullmatch(r"error: results: reef: m .*\(4 failed: ValueError: boom\); .+", line)
 
 
 def test_what_is_missing_is_said_in_one_line(bench):

@@ -16,7 +16,7 @@ from rich.console import Console
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import legend, number, title, verdict_text
+from sucre_bench.compare.words import legend, number, verdict_text
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(
@@ -112,16 +112,6 @@ def test_json_has_no_number_that_json_does_not_know():
     json.loads(text, parse_constant=lambda name: pytest.fail(name))
 
 
-def test_labels_are_shown_as_they_are():
-    """Square brackets mean colours to the terminal's library, backslashes and braces something to LaTeX."""
-    comparison = table({"w=[abc]": [1, 2], "a{b}_[/red]": [3, 4]})
-    assert "w=[abc]" in terminal(comparison)
-    assert "a{b}_[/red]" in terminal(comparison)
-    assert r"a\{b\}\_" in as_text([comparison], "latex")
-    html = as_text([table({"<script>&": [1, 2]})], "html")
-    assert "&lt;script&gt;&amp;" in html
-
-
 @pytest.mark.parametrize(
     ("how", "kept", "not_kept"),
     [
@@ -209,11 +199,6 @@ def test_the_best_is_bold_and_green_the_second_underlined():
     assert re.search(r"\x1b\[4m\S*2\.33", text.replace("≈ ", "≈"))
 
 
-def test_nothing_is_best_among_equals_or_alone():
-    for scores in ({"a": [1.0, 2], "b": [1.0, 2]}, {"a": [1.0, 2]}):
-        assert "**" not in as_text([table(scores)], "md")
-
-
 def test_against_a_baseline_better_is_green_worse_red_and_chance_marked():
     noise = [0.01, -0.01, 0.02, 0.0]
     base = [20.0, 25, 30, 27]
@@ -243,17 +228,6 @@ def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
     assert "○" not in said
     assert "○n" in legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
     assert "no intervals" in legend(table({"a": [1], "b": [2]}))
-
-
-def test_charts_are_counted_in_the_legend():
-    rows = [
-        replace(ROW, method="a", metric=m, region=r, view=v, value=1.0)
-        for (m, r), v in itertools.product(
-            (("psi", "c0"), ("psi", "c1"), ("psnr", "image")), ("v0", "v1")
-        )
-    ]
-    (comparison,) = compare.compare(frame(rows))
-    assert "2 views (4 charts)" in legend(comparison)
 
 
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():
@@ -293,11 +267,6 @@ def test_a_verdict_against_a_baseline_is_a_sentence_a_method():
 def test_nobody_is_said_to_lead_by_what_only_describes_or_by_infinity():
     assert compare.verdicts(table({"a": [1.0, 2], "b": [2.0, 3]}, better="none")) == []
     assert compare.verdicts(table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})) == []
-
-
-def test_a_number_that_only_describes_has_no_arrow():
-    comparison = table({"a": [1.0, 2]}, better="none", metric="hue", unit="deg")
-    assert title(comparison.columns[0]) == "hue deg"
 
 
 @pytest.mark.parametrize(

@@ -43,11 +43,6 @@ def test_methods_that_ran_on_different_images_are_refused_and_the_difference_sai
     compare.refuse(frame(rows), common=True)
 
 
-def test_as_many_but_other_images_are_different_images():
-    rows = [*run_of("a", "bc"), *run_of("b", "cd")]
-    refused(rows, "different images", r"a on 2, b on 2 \(a not on d\.png\)")
-
-
 def test_nothing_in_common_is_refused_even_so():
     refused(
         [*run_of("a", "ab"), *run_of("b", "cd")], "different images", r"a on 2, b on 2", common=True

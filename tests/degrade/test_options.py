@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_scene import NINE, make_scene, many, of, photo
+from support.made_scene import NINE, many, of, photo
 from support.messages import refused
 
-from sucre_bench import Camera, InputError, Scene, View, plugins
+from sucre_bench import Camera, Scene, View, plugins
 from sucre_bench.arrays import Array
-from sucre_bench.degrade import Degradation, degraded
+from sucre_bench.degrade import degraded
 from sucre_bench.engine import preflight
 from sucre_bench.engine.hydra_run import run_words as run_jobs
 from sucre_bench.engine.run import Outcome
@@ -41,12 +41,6 @@ def test_data_are_equal_exactly_where_their_hashes_are():
     assert {degraded(scene, **one).data_id for one in same} == {ids[4]}
     assert degraded(replace(scene, data_id="other"), bits=8).data_id != ids[4]
     assert degraded(replace(scene, data_id=""), bits=8).data_id == ""
-
-
-def test_no_degradation_is_the_scene_itself():
-    scene = make_scene()
-    assert degraded(scene) is scene
-    assert degraded(scene, scale=1, noise=0.0, seed=4) is scene
 
 
 METHOD = '''
@@ -154,21 +148,6 @@ def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, named: set
         compose_jobs.jobs(
             ["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False
         )
-
-
-def test_python_callers_are_told_as_well():
-    scene = many()
-    with pytest.raises(InputError, match="'depth_noise'"):
-        degraded(scene, depth_nois=0.1)
-    with pytest.raises(InputError, match="give target=NAME"):
-        degraded(scene, within=1)
-    with pytest.raises(InputError, match=r"'v77\.png'"):
-        degraded(scene, within=1, target="v77.png")
-    with pytest.raises(InputError, match="beside a Degradation"):
-        degraded(scene, Degradation(bits=8), noise=0.1)
-    assert np.array_equal(
-        degraded(scene, Degradation(bits=2))["v1.png"].rgb, degraded(scene, bits=2)["v1.png"].rgb
-    )
 
 
 RANDOM = {

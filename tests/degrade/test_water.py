@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_scene import NINE, WATER, make_camera, make_pose, make_view, many, of, photo
-from support.messages import refused
 
 from sucre_bench import Camera, InputError, Scene, Water
 from sucre_bench.degrade import Degradation, degraded
@@ -81,25 +80,6 @@ def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
 
 
 # -- labels, hashes, runs --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("content", "named"),
-    [
-        ("{", {"hold", "B", "beta", "gamma"}),
-        ("[1]", {"B", "beta", "gamma"}),
-        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', {"values", "B", "[0, 1]", "beta", "gamma"}),
-        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "three"}),
-        (
-            '{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}',
-            {"values", "B", "[0, 1]", "beta"},
-        ),
-    ],
-)
-def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, named: set[str]):
-    (tmp_path / "w.json").write_text(content)
-    with refused(str(tmp_path / "w.json"), *named):
-        Degradation(add_water=tmp_path / "w.json")
 
 
 def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):

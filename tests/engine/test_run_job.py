@@ -1,14 +1,11 @@
 """One job: what makes all of it fail, and `display=...@scene`, which shows all views of a scene alike."""
 
-import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from support.command_line import calls, run
-
-from sucre_bench.results.restorations import read_full_arrays
 
 pytestmark = pytest.mark.short
 
@@ -88,21 +85,3 @@ def test_a_view_that_fails_at_first_changes_how_all_are_shown_when_it_is_restore
     for name in NAMES:
         np.testing.assert_array_equal(shown(out, name), shown(tmp_path / "fresh", name))
     assert run(out, *command).cached == 3
-
-
-def test_a_view_that_decides_how_all_are_shown_is_stored_as_save_full_wants_it(
-    out: Path, tmp_path: Path
-) -> None:
-    gate = tmp_path / "gate"
-    gate.touch()
-    command = (
-        "method=gated",
-        "method.label=gain",
-        "method.display=white-90@scene",
-        f"method.gate={gate}",
-    )
-    run(out, *command)
-    run(out, *command, "save=full")
-    for name in NAMES:
-        stored = read_full_arrays(out / "restored" / "toy" / "gain" / f"{name}.npz", "about")
-        assert json.loads(str(stored["about"]))["info"]["in_full"], name

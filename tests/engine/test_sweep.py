@@ -15,10 +15,10 @@ from support.command_line import Started, calls, run
 from support.messages import names
 
 import sucre_bench as sb
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.engine import job as job_, preflight
 from sucre_bench.engine.hydra_run import run_words as run_jobs
-from sucre_bench.errors import DiskFullError, Lack, SucreBenchError
+from sucre_bench.errors import DiskFullError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable
 
@@ -48,15 +48,6 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
     assert set(rows["metric"]) == {"psnr", "redness", "seconds", "peak_mb"}
     assert (rows["status"] == "ok").all()
     assert not (out / "parts").exists()
-
-
-def test_run_twice_computes_nothing_again(out: Path, tmp_path: Path):
-    log = f"method.log={tmp_path / 'log'}"
-    first = run(out, log)
-    second = run(out, log)
-    assert calls(tmp_path / "log") == ["v0.png", "v1.png", "v2.png"]
-    assert (second.ok, second.cached, second.exit_code) == (3, 3, 0)
-    pd.testing.assert_frame_equal(first.rows, second.rows)
 
 
 @pytest.mark.parametrize(
@@ -182,25 +173,12 @@ def test_another_metric_later_keeps_the_scores_there_were(out: Path):
     assert (outcome.rows.groupby("metric").size() == 3).all()
 
 
-def test_a_label_does_not_change_its_meaning_silently(out: Path):
-    run(out, "method.label=mine")
-    with pytest.raises(preflight.ProblemsError, match=r"'mine' .*options"):
-        run(out, "method.label=mine", "method.gain=2")
-    assert run(out, "method.label=mine", "method.gain=2", "overwrite=always").ok == 3
-
-
 @pytest.mark.parametrize(
     ("choice", "kept"),
     [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})],
 )
 def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
     assert set(run(out, choice).rows["view"]) == kept
-
-
-def test_an_unknown_view_is_named_before_any_work(out: Path):
-    with pytest.raises(preflight.ProblemsError, match=r"'v9.png'.*'v2.png'"):
-        run(out, "views=[v9.png]")
-    assert not (out / "scores.parquet").exists()
 
 
 @pytest.mark.parametrize(
@@ -226,13 +204,6 @@ def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str
         "nan",
         "none",
     )
-
-
-def test_a_view_that_fails_now_has_no_scores_left_from_before(out: Path):
-    run(out, "method.label=x")
-    assert run(out, "method=faulty", "method.label=x", "overwrite=always").exit_code == 1
-    rows = results.read(out)
-    assert rows.loc[rows["view"] == "v1.png", "status"].tolist() == ["failed"]
 
 
 NEEDS_A_BROKEN_LIBRARY = """
@@ -307,15 +278,6 @@ def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "~").exists()
 
 
-def test_a_method_whose_needs_are_not_met_is_skipped_with_the_reason(out: Path):
-    outcome = run(out, "method=gain,needs_charts", "metrics=[psnr,psi]", multirun=True)
-    assert (outcome.ok, len(outcome.skipped), outcome.exit_code) == (3, 3, 0)
-    assert set(outcome.rows.loc[outcome.rows["metric"] == "psi", "status"]) == {"skipped"}
-    assert {f.reason for f in outcome.skipped} == {
-        str(Lack(("charts",), ("depth", "poses", "reference", "truth")))
-    }
-
-
 @pytest.mark.parametrize("words", [["workers=2"]])
 def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once(
     out: Path, words: list[str], capsys: pytest.CaptureFixture[str]
@@ -342,13 +304,6 @@ def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once
         for o in (one, two)
     ]
     pd.testing.assert_frame_equal(*plain)
-
-
-def test_a_fault_names_the_option_as_it_was_typed(out: Path):
-    for word in ("method.physical=maybe", "sucre.physical=maybe"):
-        for is_sweep in (False, True):
-            with pytest.raises(SucreBenchError, match=f"^{word.partition('=')[0]}: 'maybe'"):
-                run_jobs(["dataset=toy", "method=sucre", f"out={out}", word], is_sweep)
 
 
 def test_a_sweep_has_the_environment_and_the_folder_of_hydra(out: Path, tmp_path: Path):
@@ -386,23 +341,6 @@ def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path)
     assert levels == [pytest.approx(51, abs=1), pytest.approx(204, abs=1)]
 
 
-def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(
-    out: Path, monkeypatch: pytest.MonkeyPatch
-):
-    run(out)
-    before = (out / "scores.parquet").read_bytes()
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(DiskFullError) as fault:
-        run(out, "overwrite=always")
-    assert "\n" not in str(fault.value)
-    assert (out / "scores.parquet").read_bytes() == before
-    assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
-
-
 def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -420,12 +358,6 @@ def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
     assert "failed" not in capsys.readouterr().err
 
 
-def test_a_full_disk_of_a_methods_own_files_ends_the_view_alone(out: Path):
-    outcome = run(out, "method=faulty,gain", "faulty.fault=full", multirun=True)
-    assert [(fault.view, "/tmp" in fault.reason) for fault in outcome.failed] == [("v1.png", True)]
-    assert outcome.ok == 2 * len(set(outcome.rows["view"]) - {""}) - 1
-
-
 STAYING = [
     "run",
     "dataset=toy",
@@ -437,34 +369,11 @@ STAYING = [
 STAYING += ["tracking.uri=off", "method.label=staying"]
 
 
-def start(out: Path, toys: str, log: Path, *more: str) -> Started:
-    return Started(out.parent, *STAYING, *more, f"out={out}", f"method.log={log}", "--plugin", toys)
-
-
 def wait_until_it_stays_at(view: str, log: Path) -> None:
     deadline = time.monotonic() + 300
     while view not in calls(log):
         assert time.monotonic() < deadline, "the run did not get going"
         time.sleep(0.02)
-
-
-def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path):
-    # rows are written within a second
-    log, words = (
-        tmp_path / "log",
-        ("method.pause=0.5", "method.stays_at=v3.png"),
-    )
-    killed = start(out, toys, log, *words)
-    wait_until_it_stays_at("v3.png", log)
-    killed.send(signal.SIGKILL, to_group=True)
-    assert killed.ended().returncode == -signal.SIGKILL
-    done = results.read(out)["view"].nunique()
-    assert done >= 2
-    resumed = start(out, toys, log, *words).ended()
-    assert resumed.returncode == 0
-    assert f"5 ok ({done} cached), 0 failed" in resumed.stdout
-    assert len(calls(log)) == 4 + 5 - done
-    assert results.read(out).groupby("metric").size().tolist() == [5, 5, 5]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
@@ -483,20 +392,3 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
     assert "2 ok, 0 failed" in done.stdout
     assert "Traceback" not in done.stderr
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
-
-
-def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_path: Path):
-    path = tmp_path / "needy.py"
-    path.write_text(
-        "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n"
-        "@method(requires=('nonexistent_package_xyz',))\n@dataclass(frozen=True)\nclass Needy:\n    '''x'''\n"
-        "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
-    )
-    missing = pytest.raises(
-        preflight.ProblemsError,
-        match=r"'needy': .*; pip install nonexistent_package_xyz",
-    )
-    plugins.load_file(path)
-    with missing:
-        run(out, "method=gain,needy", multirun=True)
-    assert not out.exists() or not list(out.rglob("*.png"))

@@ -103,12 +103,6 @@ def test_names_and_paths_stay_as_typed(typed: str):
     assert [job.method.label for job in swept.jobs] == [f"gain,log={typed}", "gain,log=other"]
 
 
-@pytest.mark.parametrize("typed", [" a", "2026_11_22 ", " a b "])
-def test_a_name_keeps_its_spaces(typed: str):
-    (one,) = jobs(f"out={typed}", f"method.label={typed}").jobs
-    assert (str(one.out), one.method.label) == (typed, typed)
-
-
 def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     def label(*overrides: str) -> str:
         return jobs(*overrides).jobs[0].method.label
@@ -169,29 +163,6 @@ def test_glob_means_all_that_need_nothing_and_names_the_others(capsys: pytest.Ca
     assert "onnx.model" in said
     assert "command.run" in said
     assert "funie_gan" not in said
-
-
-def test_an_experiment_brings_its_own_sweep():
-    sweep = compose_jobs.jobs(["experiment=demo"], multirun=False)
-    assert sweep.is_sweep
-    labels = [job.method.label for job in sweep.jobs]
-    assert labels == [
-        "underwater",
-        "gray_world",
-        "histogram_stretch",
-        "stitching",
-        "sucre_paper",
-        "sucre",
-        "sucre_plus",
-    ]
-    assert sweep.jobs[0].every == 4
-
-
-def test_metrics_are_chosen_by_list_and_preset_and_variant():
-    (job,) = jobs("metrics=[default,redness]", "metrics.redness.variants=[all]").jobs
-    chosen = {m.plugin.name: m.variants for m in job.metrics}
-    assert {"psnr", "ssim", "uciqe", "uiqm", "psi", "de00", "coverage"} < set(chosen)
-    assert chosen["redness"] == ("plain", "double")
 
 
 def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):

@@ -90,14 +90,6 @@ def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> 
     assert found[0]["largest"] < 1e-9
 
 
-def test_a_table_of_many_methods_serves_for_the_folder_of_one(like: Bench, folder: Path) -> None:
-    rows = [(*name.split("/"), value) for name, value in scores(folder, "uciqe:hsv").items()]
-    done = like("method,image,uciqe", rows, images=folder / "theirs")
-    (found,) = matches(done).values()
-    assert (found[0]["variant"], found[0]["compared"]) == ("hsv", 2)
-    assert re.search(r"\b2 rows\b", done.stderr)
-
-
 def test_numbers_that_no_variant_gives_are_said_to_be_none(like: Bench, folder: Path) -> None:
     done = like(
         "image,uciqe",
@@ -257,14 +249,6 @@ def test_a_table_that_cannot_be_compared_is_one_line(
     (line,) = done.errors
     assert line.startswith(f"error: {tmp_path / 't.csv'}: ")
     assert named <= names(line)
-
-
-def test_a_missing_or_binary_table_is_one_line(bench: Bench, folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "t.xlsx").write_bytes(b"PK\x03\x04\xff\xfe")
-    for name in ("t.xlsx", "none.csv"):
-        done = bench("score", str(folder), "--like", str(tmp_path / name))
-        assert (done.returncode, len(done.errors)) == (2, 1)
-        assert name in done.stderr
 
 
 # -- an author's question ------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import threading
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from sucre_bench.errors import DiedError, OutputError, one_line
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import Reason, brief, table, with_remedy
 from sucre_bench.results.reasons import without_view
-from sucre_bench.results.rows import COLUMNS, Row, frame, tuples
+from sucre_bench.results.rows import Row, frame
 from sucre_bench.results.table import Part, merge, read
 
 ROW = Row(
@@ -82,12 +81,6 @@ def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
             drop=True
         )
         pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
-
-
-def test_a_table_in_row_groups_with_texts_of_their_own_is_read_as_it_is(tmp_path: Path):
-    rows = frame([replace(ROW, view=f"{n}.png", reason=f"because {n % 3}") for n in range(10)])
-    rows.to_parquet(tmp_path / "scores.parquet", index=False, row_group_size=4)
-    pd.testing.assert_frame_equal(read(tmp_path), rows)
 
 
 def test_a_folder_without_a_table_is_named(tmp_path: Path):
@@ -164,19 +157,6 @@ def test_a_long_job_writes_each_row_a_few_times_into_few_files(
     assert sum(written) <= 200 * 4
     assert len(list((tmp_path / "parts").iterdir())) <= 3 * 8
     assert sorted(results.merge(tmp_path)["value"]) == list(range(200))
-
-
-def test_tuples_are_what_pandas_gives():
-    rows = frame(
-        [Row(view=f"{n}.png", value=n / 2, n_pixels=n, time="t") for n in range(3)]
-        + [Row(time="t")]
-    )
-    ours, theirs = list(tuples(rows)), list(rows.itertuples(index=False, name=None))
-    assert [repr(tuple(row)) for row in ours] == [repr(row) for row in theirs]
-    assert ours[0]._fields == COLUMNS
-    assert [(row.view, row.value) for row in tuples(rows, "view", "value")][1] == ("1.png", 0.5)
-    assert math.isnan(ours[-1].value)
-    assert list(tuples(rows[:0], "view")) == []
 
 
 @pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])

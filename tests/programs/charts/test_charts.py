@@ -83,15 +83,6 @@ def test_a_chart_begun_at_the_wrong_corner_is_told_which_is_right(kind: str, tur
     assert len(re.findall(r"(?:top|bottom) (?:left|right)", order.fault)) == 2
 
 
-def test_a_chart_where_there_is_none_does_not_follow_its_colours() -> None:
-    noise = np.random.default_rng(0).random((300, 420, 3))
-    unlike = reading_order(noise, Chart("c", "dgk", TILTED))
-    assert (unlike.turn, bool(unlike.fault)) == (0, True)
-    nothing = reading_order(np.full((300, 420, 3), np.nan), Chart("c", "dgk", TILTED))
-    assert np.isnan(nothing.explained)
-    assert nothing.fault
-
-
 # -- the detector ------------------------------------------------------------------------------------------------
 
 
@@ -165,15 +156,6 @@ def test_a_chart_that_is_not_seen_whole_is_not_proposed() -> None:
         replace(board_view("no-pose.png", (0.1, 0, 0)), cam_from_world=None),
     ]
     assert list(propose([(marked, marked.charts[0])], others)) == []
-
-
-def test_a_chart_marked_under_another_name_is_not_proposed_again() -> None:
-    marked, other = (
-        board_view("a.png", (0, 0, 0), mark=True),
-        board_view("b.png", (0.3, 0, -0.5), mark=True),
-    )
-    renamed = replace(other.charts[0], name="mine")
-    assert list(propose([(marked, marked.charts[0]), (other, renamed)], [marked, other])) == []
 
 
 # -- the file ----------------------------------------------------------------------------------------------------
@@ -363,16 +345,6 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     np.testing.assert_allclose(view.charts[0].corners, LYING, atol=7)
 
 
-def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
-    write_scene(tmp_path)
-    (tmp_path / "charts.json").unlink()
-    result = CliRunner().invoke(
-        charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False
-    )
-    assert "none" in result.output
-    assert not (tmp_path / "charts.json").exists()
-
-
 def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
     write_scene(tmp_path)
     dgk, rows = chart_kind("dgk"), []
@@ -452,10 +424,3 @@ def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> N
         (proposal.view, str(tmp_path / "bad.png") in fault) for proposal, fault in doubtful
     ] == [("bad.png", True)]
     assert "b.png" in json.loads((tmp_path / "charts.json").read_text())["images"]
-
-
-def test_proposals_that_are_none_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "charts.json"
-    path.write_text(json.dumps({"images": {}, "proposed": {"a.png": []}}))
-    with pytest.raises(InputError, match=r"charts\.json: proposed, a\.png: "):
-        ChartsFile(path, {"a.png": (420, 300)})

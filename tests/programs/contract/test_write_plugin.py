@@ -19,7 +19,6 @@ from support.places import ROOT
 from sucre_bench import plugins
 from sucre_bench.cli import cli
 from sucre_bench.commands.extend import new as command
-from sucre_bench.errors import OutputError
 from sucre_bench.programs.contract.write_plugin import checkout_of
 
 Bench = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -147,16 +146,3 @@ def test_nothing_is_overwritten_and_nothing_half_written(folder: Path) -> None:
     assert "test_tried.py: " in str(new("method", "tried").exception)
     assert [path.name for path in folder.iterdir()] == ["test_tried.py"]
     assert (folder / "test_tried.py").read_text() == "mine"
-
-
-def test_a_file_in_the_way_of_the_tests_folder_is_named(checkout: Path) -> None:
-    shutil.rmtree(checkout / "tests")
-    (checkout / "tests").touch()
-    fault = new("method", "tried").exception
-    assert isinstance(fault, OutputError)
-    assert "tests" in str(fault)
-    assert not (checkout / "methods" / "tried.py").exists()
-
-
-def test_depth_is_for_methods(folder: Path) -> None:
-    assert new("metric", "tried", "--depth").exit_code == 2

@@ -177,14 +177,6 @@ def test_a_view_that_no_other_overlaps_and_one_with_little_depth_are_named() -> 
     assert ("little depth", "a.png") in kinds(views)
 
 
-def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
-    views = list(make_scene().views)
-    views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in views]
-    views[1] = with_planes(views[1], depth=views[1].depth * 1.5)
-    (fault,) = found(views)
-    assert (fault.kind, fault.views) == ("view disagrees", ("a.png",))
-
-
 def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
     rgb = (0.1 + 0.6 * painted(chart_kind("dgk"), TILTED)).astype(np.float32)
     wrong = Chart("chart1", "dgk", np.roll(TILTED, 2, axis=0))
@@ -299,12 +291,6 @@ def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> Non
     result = CliRunner().invoke(describe, ["colmap", f"dataset.root={root}", "--no-sheet"])
     assert isinstance(result.exception, InputError)
     assert str(result.exception).startswith("describe: ")
-
-
-def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: Path) -> None:
-    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png", "d.png"])
-    said = run("colmap", f"dataset.root={root}", "degrade.within=1", "--no-sheet")[1]
-    assert "4 of 4 views" in said
 
 
 def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:

@@ -99,11 +99,6 @@ def test_rows_of_pictures_that_are_made_anew_go(
     assert done.stderr.count("6 votes ") == 6
 
 
-def test_votes_that_all_agree_are_a_lead(bench: Bench, study: dict[str, Any], tmp_path: Path):
-    said = bench("study", "results", "--votes", *files_of_six(tmp_path, study, against=0)).stdout
-    assert "bright leads dark" in said
-
-
 def test_few_votes_make_no_lead_and_no_interval(
     bench: Bench, study: dict[str, Any], tmp_path: Path
 ):

@@ -160,18 +160,6 @@ def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(
     assert "is odd" not in done.stdout
 
 
-@pytest.mark.parametrize("out", ["photos", "photos/restored", ".", "other", "photos/a.png"])
-def test_photographs_and_files_of_others_are_safe(tmp_path: Path, bench: Bench, out: str) -> None:
-    write_image(tmp_path / "photos/a.png", seabed(0))
-    write_image(tmp_path / "other/mine.png", seabed(1))
-    before = contents(tmp_path)
-    done = bench("restore", "photos", out, "--method", "gray_world")
-    assert done.returncode == 2
-    assert len(done.errors) == 1
-    assert "; " in done.errors[0]
-    assert contents(tmp_path) == before
-
-
 def test_out_of_other_photographs_is_refused_and_other_options_write_again(
     tmp_path: Path, bench: Bench
 ) -> None:

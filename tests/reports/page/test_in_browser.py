@@ -381,14 +381,6 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(page: Browser):
     page.complaints.clear()
 
 
-def test_datasets_are_chosen_in_the_overview_and_have_their_own_numbers(page: Browser):
-    page.click("#sweep > div:not([hidden]) tbody tr:nth-child(3) button")
-    assert state(page, "dataset") == 2
-    assert texts(page, "h1:not([hidden])") == ["reef,noise=0.2"]
-    psnr = page.ask("resultsPage.data.views[0].results[0].scores['psnr:masked']")
-    assert psnr == PSNR["plain"][0] - 3
-
-
 def drawn(page: Browser, part: str) -> str:
     """Scroll to the first plot of a part of the page, and wait until it is drawn; what the browser calls it."""
     plot = f"[data-dataset]:not([hidden]) {part}:not([hidden]) .plot"

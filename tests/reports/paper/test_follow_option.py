@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.made_results import csv, followed, noisy, row, words
+from support.made_results import followed, noisy, row, words
 
 from sucre_bench.compare.model import Note
 from sucre_bench.errors import NotApplicableError
@@ -37,23 +37,6 @@ def test_no_noise_is_the_number_that_it_is_and_the_reference():
     )
     assert words(one) == ["0", "0.02", "0.1"]
     assert one.reference.word == "0"
-
-
-def test_words_come_in_the_order_of_the_sweep(tmp_path: Path):
-    seas = ["turbid", "clear", "coastal"]
-    rows = frame(
-        replace(
-            row("a", "v0", 1.0, dataset={"name": "demo", "water": sea}), dataset=f"demo,water={sea}"
-        )
-        for sea in sorted(seas)
-    )
-    write(
-        Study("s", along="dataset.water"),
-        rows,
-        tmp_path,
-        datasets=[f"demo,water={sea}" for sea in seas],
-    )
-    assert list(csv(tmp_path)["water"]) == seas
 
 
 def test_all_values_are_compared_on_the_images_that_all_have():
@@ -128,16 +111,6 @@ def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(
     )  # fmt: skip
     one = followed(rows, "dataset.water")
     assert [cell.change for cell in one.changes.cells.values()] == [pytest.approx((-5, -5, -5))]
-
-
-def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
-    both = [
-        noisy({None: {"a": [1.0]}, 0.1: {"a": [2.0]}}, dataset={"name": name})
-        for name in ("sea", "lake")
-    ]
-    write(Study("s", along="degrade.depth_noise"), pd.concat(both, ignore_index=True), tmp_path)
-    assert list(csv(tmp_path)["dataset"]) == ["sea", "sea", "lake", "lake"]
-    assert "**lake: psnr" in (tmp_path / "tables/s.md").read_text()
 
 
 def test_each_level_has_a_best_of_its_own_and_methods_are_lines(tmp_path: Path):

@@ -10,7 +10,6 @@ from support.made_results import csv, noisy, row
 
 from sucre_bench import InputError
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.run_options import FIGURES
 from sucre_bench.reports.paper import Study, write, write_study
 from sucre_bench.results.rows import frame
 
@@ -49,12 +48,6 @@ def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path):
     assert "+2.00 [" in text  # and how they differ
 
 
-def test_spread_shows_standard_deviations(tmp_path: Path):
-    rows = frame([row("a", f"v{n}", v) for n, v in enumerate([20.0, 21.0, 22.0])])
-    write(Study("s", spread=True), rows, tmp_path)
-    assert "21.0 ± 1.00" in (tmp_path / "tables/s.md").read_text()
-
-
 def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
     values = {"near": 10.0, "far": 30.0}
     charts = [
@@ -76,20 +69,6 @@ def test_figures_may_be_asked_for_as_svg_too(tmp_path: Path):
     for svg, suffixes in ((True, {".png", ".pdf", ".svg"}), (False, {".png", ".pdf"})):
         write(Study("s", figures=("scores",), svg=svg), rows, tmp_path)
         assert {path.suffix for path in (tmp_path / "figures").iterdir()} == suffixes
-
-
-def test_figures_of_a_time_with_more_pages_are_cleared_away(tmp_path: Path):
-    old, other = tmp_path / "figures/s-scores-9.png", tmp_path / "figures/s-pictures-1.png"
-    old.parent.mkdir()
-    old.touch()
-    other.touch()
-    write(
-        Study("s", figures=("scores",)),
-        frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)]),
-        tmp_path,
-    )
-    assert not old.exists()
-    assert other.exists()
 
 
 def test_metrics_and_baselines_that_are_not_there_are_notes(tmp_path: Path):
@@ -192,18 +171,3 @@ def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):
     assert len(first.paths) == 5
     for one, other in zip(first.paths, second.paths, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name
-
-
-def test_tables_for_papers_balance_their_braces(tmp_path: Path):
-    write(
-        Study("s", along="degrade.depth_noise"),
-        noisy({None: {"a_b": [1.0]}, 0.1: {"a_b": [2.0]}}),
-        tmp_path,
-    )
-    text = (tmp_path / "tables/s.tex").read_text()
-    assert text.count("{") == text.count("}")
-    assert r"a\_b & " in text
-
-
-def test_every_figure_has_a_module():
-    assert {*write_study.MODULES} == {*FIGURES}

@@ -109,43 +109,6 @@ def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> Non
     assert lines(only, "sucre")[1][0] == 2 * error("sucre", "a.png", "near", PATCHES[1])
 
 
-def test_swatches_prefer_the_difference_to_the_list_they_are_painted_from() -> None:
-    rows = list(chart_rows())
-    rows += [replace(row, variant="srgb", value=7.0) for row in rows if row.metric == "de00"]
-    (figure,) = drawn("swatches", results.frame(rows)).values()
-    assert {text.get_text() for text in figure.axes[0].texts} == {"7"}
-    assert "srgb" in figure.get_supxlabel()
-
-
-def test_many_charts_are_drawn_as_the_means_of_those_about_as_far() -> None:
-    rng = np.random.default_rng(0)
-    distances = rng.uniform(1, 9, 80)
-    rows = results.frame(
-        Row(
-            dataset="d",
-            scene="s",
-            view=f"{k}.png",
-            method="m",
-            metric=metric,
-            variant="v",
-            region="c",
-            value=value,
-        )
-        for k, distance in enumerate(distances)
-        for metric, value in (("chart_distance", distance), ("psi", 3 * distance))
-    )
-    (figure,) = drawn("charts", rows).values()
-    x, y = lines(figure.axes[0], "m")
-    np.testing.assert_allclose(y, 3 * np.sort(distances).reshape(8, 10).mean(axis=1))
-    np.testing.assert_allclose(x, y / 3, atol=1e-9)
-
-
-def test_each_dataset_has_a_figure_of_its_own() -> None:
-    rows = results.frame([*chart_rows(), *chart_rows(dataset="other dive")])
-    assert list(drawn("charts", rows)) == ["dive", "other_dive"]
-    assert list(drawn("hue", rows)) == ["dive", "other_dive"]
-
-
 def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest_chart_with_their_difference() -> (
     None
 ):
@@ -203,30 +166,6 @@ def test_a_hue_that_wraps_leaves_at_one_edge_and_comes_back_at_the_other() -> No
     again = [line.get_ydata() for line in figure.axes[0].lines if line.get_label() == "_again"]
     np.testing.assert_allclose(lines(figure.axes[0], "sucre")[1], [170] * 3 + [190] * 3)
     np.testing.assert_allclose(again, [[-190] * 3 + [-170] * 3])
-
-
-def test_the_mean_of_hues_about_red_is_red() -> None:
-    values = [350.0, 10.0] * 8  # two charts at each of eight places
-    rows = results.frame(
-        Row(
-            dataset="d",
-            scene="s",
-            view=f"{k}.png",
-            method="m",
-            metric=metric,
-            variant=variant,
-            region=region,
-            value=v,
-        )
-        for k, value in enumerate(values)
-        for metric, variant, region, v in (
-            ("chart_distance", "median", "c", 1 + k),
-            ("hue", "hsv", "c/7-red", value),
-            ("hue", "hsv-expected", "c/7-red", 0),
-        )
-    )
-    (figure,) = drawn("hue", rows).values()
-    np.testing.assert_allclose(lines(figure.axes[0], "m")[1], 0, atol=1e-9)
 
 
 # -- water -------------------------------------------------------------------------------------------------

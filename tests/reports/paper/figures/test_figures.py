@@ -83,13 +83,6 @@ def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
     )
 
 
-def test_of_errors_the_least_is_on_top():
-    (figure,) = drawn(
-        "scores", frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))
-    ).values()
-    assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["b", "a"]
-
-
 def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_asked_for():
     values = {"a": [1, 2], "b": [3, 4]}
     cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
@@ -116,15 +109,6 @@ def test_hollow_marks_are_explained_where_there_are_any(near: float, is_said: bo
     assert any(dot.get_markerfacecolor() == "white" for dot in dots) == is_said
     told = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert any("chance" in text for text in told) == is_said
-
-
-def test_a_score_that_nothing_has_gets_no_empty_panel():
-    values = {"a": [1, 2], "b": [3, 4]}
-    nowhere = table({"a": [np.nan, np.nan], "b": [np.nan, np.nan]}, metric="ssim")
-    (figure,) = drawn("scores", frame([*table(values), *nowhere])).values()
-    panels = [panel for panel in figure.axes if panel.get_visible()]
-    assert [panel.get_xlabel().split()[0] for panel in panels] == ["psnr"]
-    assert all(panel.lines for panel in panels)
 
 
 @pytest.mark.parametrize(("slow", "scale"), [(50.0, "log"), (5.0, "linear")])
@@ -180,14 +164,6 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
         "against", rows, along="degrade.within", axis="frames before and after"
     ).values()
     assert "frames" in named.get_supxlabel()
-
-
-def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
-    rows = frame(table({"a": [20, 24]}))
-    with pytest.raises(NotApplicableError, match=r"study\.along"):
-        drawn("against", rows)
-    (reason,) = drawn("against", rows, along="degrade.within").values()
-    assert "within" in str(reason)
 
 
 def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
@@ -248,35 +224,6 @@ def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
     assert grays(figure) == [[10, 100, 110, 200], [11, 101, None, 201]]
     heads = [panel.get_title() for panel in figure.axes[:4]]
     assert heads == ["input", "b", "a", "reference"]
-
-
-def test_at_most_four_views_evenly_spread(tmp_path: Path):
-    (figure,) = drawn("pictures", kept(tmp_path, 10, ["a"]), tmp_path).values()
-    assert [row[0] for row in grays(figure)] == [10, 13, 16, 19]
-
-
-def test_many_methods_go_on_in_further_figures(tmp_path: Path):
-    names = [f"m{n}" for n in range(8)]
-    pages = drawn("pictures", kept(tmp_path, 1, names), tmp_path)
-    assert {page: grays(figure) for page, figure in pages.items()} == {
-        "1": [[10, 100, 110, 120, 130, 200]],
-        "2": [[10, 140, 150, 160, 170, 200]],
-    }
-
-
-def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path):
-    rows = kept(tmp_path, 2, ["a"], size=(40, 20))
-    tall = np.zeros((60, 40, 3), np.uint8)
-    tall[20:40] = 250  # the middle 20 rows
-    Image.fromarray(tall).save(tmp_path / "restored/sea/a/v1.png")
-    (figure,) = drawn("pictures", rows, tmp_path).values()
-    (image,) = (
-        p.images[0].get_array()
-        for p in figure.axes
-        if p.images and p.images[0].get_array().max() == 250
-    )
-    assert image.shape == (20, 40, 3)
-    assert (image == 250).all()
 
 
 def test_pictures_of_repetitions_and_runs_without_any_are_not_drawn(tmp_path: Path):

@@ -12,7 +12,6 @@ from support.made_observations import made, parameters
 from support.made_results import drawn
 from support.made_scene import WATER
 
-from sucre_bench.errors import NotApplicableError
 from sucre_bench.methods.sucre.record import residuals
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.results.layout import Place
@@ -113,26 +112,6 @@ def test_curves_over_distance_are_the_models(fitted: Fitted, tmp_path: Path) -> 
         )
 
 
-def test_of_many_views_those_with_most_observations_are_drawn(
-    fitted: Fitted, tmp_path: Path
-) -> None:
-    rows = [row(view=f"{k}.png") for k in range(4)]
-    for k, one in enumerate(rows):
-        keep(tmp_path, one, fitted[1] | {"n_observations": [5, 70, 6, 80][k]})
-    figures = drawn("residuals", frame(rows), tmp_path)
-    assert [name for name in figures if name.startswith("normal")] == [
-        "normal-made-m-3",
-        "normal-made-m-1",
-    ]
-
-
-@pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0}}])
-def test_without_residuals_the_figure_says_what_to_do(info: dict[str, Any], tmp_path: Path) -> None:
-    keep(tmp_path, row(), info)
-    with pytest.raises(NotApplicableError, match="sucre_paper"):
-        drawn("residuals", frame([row()]), tmp_path)
-
-
 def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:
     own = row(view=f"{n:.0f}.png", **about)
     keep(out, own, {"stage_seconds": {"pair": 0.25 * seconds, "solve": 0.75 * seconds}})
@@ -169,12 +148,6 @@ def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path)
     assert label.endswith(" million")
 
 
-def test_without_counts_scaling_says_what_is_missing(tmp_path: Path) -> None:
-    rows = frame([r for r in timed(tmp_path, 1e5, 1.0) if r.metric == "seconds"])
-    with pytest.raises(NotApplicableError, match=r"add metrics=.observations"):
-        drawn("scaling", rows, tmp_path)
-
-
 @pytest.fixture
 def stitched(tmp_path: Path) -> pd.DataFrame:
     """A view, a method that leaves it alone, and one with an upright seam at two thirds of the width."""
@@ -205,10 +178,3 @@ def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(
     steps = axes[2, 1].images[0].get_array()
     assert np.nanmax(steps[20:-20, 118:122]) > 0.1
     assert np.nanmax(steps[20:-20, 20:90]) < 0.05
-
-
-def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
-    stitched: pd.DataFrame, tmp_path: Path
-):
-    with pytest.raises(NotApplicableError, match="seams"):
-        drawn("seams", stitched[stitched["method"] == "same"], tmp_path)
