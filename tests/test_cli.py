@@ -49,14 +49,6 @@ def test_lists_tell_programs_what_people_read(bench):
     assert "colmap" in bench("list", "datasets").stdout
 
 
-def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
-    (tmp_path / "broken.py").write_text("import nonexistent_package_xyz\n")
-    done = bench("run", "--plugin", "broken.py", "method=gain")
-    assert done.returncode == 2
-    assert len(done.errors) == 1
-    assert re.search(r"broken\.py: .*ModuleNotFoundError", done.stderr)
-
-
 @pytest.mark.parametrize(
     ("fault", "status", "said"),
     [

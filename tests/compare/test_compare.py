@@ -90,13 +90,6 @@ def test_one_view_gives_no_interval():
     assert not cell.tie
 
 
-def test_an_unknown_metric_or_baseline_gets_the_nearest_name():
-    with pytest.raises(InputError, match=r"'psrn'.*'psnr'"):
-        compare.compare(frame([ROW]), ["psrn"])
-    with pytest.raises(InputError, match=r"'sucr'.*'sucre'"):
-        compare.compare(rows_of({"sucre": [1], "underwater": [2]}), baseline="sucr")
-
-
 def test_methods_that_ran_on_older_data_are_left_out_and_named():
     rows = [
         replace(ROW, method="old", data_id="d1"),

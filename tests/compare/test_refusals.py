@@ -85,16 +85,6 @@ def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference
         refused(rows, "different replicates", names, common=common)
 
 
-def test_replicates_in_common_are_compared_where_that_is_wanted():
-    rows = [*repeated("a", 0, 1, 2), *repeated("b", 0, 2), *repeated("c", 0, 2)]
-    refused(
-        rows,
-        "different replicates",
-        r"^sea: .* reef/a\.png: a 0, 1, 2; b and c 0, 2; .* --common .* 4 ",
-    )
-    compare.refuse(frame(rows), common=True)
-
-
 def test_other_datasets_are_other_tables():
     compare.refuse(frame([*run_of("a"), *run_of("b", "ab", dataset="lake")]))
 

@@ -71,13 +71,6 @@ def pixel_of(view: View, point: Array) -> tuple[float, float, float]:
     return K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2], z
 
 
-def chart_centre(corners: Array) -> Array:
-    """Where the diagonals cross: the image of the chart's centre under any perspective."""
-    (a, b, c, d) = np.c_[corners, np.ones(4)]
-    crossing = np.cross(np.cross(a, c), np.cross(b, d))
-    return np.asarray(crossing[:2] / crossing[2])
-
-
 # -- made once, the same for everybody -----------------------------------------------------------------------
 
 
@@ -158,18 +151,6 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
     assert np.median(colours) < 5
-
-
-def test_a_charts_centre_is_one_point_of_the_world(survey: Scene) -> None:
-    centres: dict[str, list[Array]] = {}
-    for view in survey:
-        for chart in view.charts:
-            centres.setdefault(chart.name, []).append(
-                world_point(view, *chart_centre(chart.corners))
-            )
-    assert {len(points) >= 3 for points in centres.values()} == {True}
-    for points in centres.values():
-        assert np.ptp(points, axis=0).max() < 0.02
 
 
 def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:

@@ -357,16 +357,6 @@ def test_masked_pixels_are_unknown() -> None:
     assert sb.Restoration(image).valid.sum() == 12 * 16 - 12
 
 
-@pytest.mark.parametrize(
-    "rgb",
-    [np.arange(12 * 16 * 3).reshape(12, 16, 3) % 15 * 1.0, RGB * 2 - 2, RGB + 1e30, RGB * 200.5],
-    ids=["dark 8-bit", "-1 to 1", "1e30", "of 0 to 255"],
-)
-def test_a_photograph_in_another_range_is_refused(rgb: np.ndarray) -> None:
-    with pytest.raises(sb.InputError, match=r"Arrays\.rgb"):
-        sb.Arrays(rgb)
-
-
 def test_a_class_in_place_of_an_object_is_named_with_how_to_make_one():
     uciqe = plugins.get("metric", "uciqe").cls
     with pytest.raises(sb.InputError, match=r"Uciqe: is a class; pass an object: Uciqe\(\.\.\.\)"):

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from sucre_bench import InputError, plugins, results
+from sucre_bench import plugins, results
 from sucre_bench.errors import DiedError, OutputError, one_line
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import Reason, brief, table, with_remedy
@@ -81,20 +81,6 @@ def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
             drop=True
         )
         pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
-
-
-def test_a_folder_without_a_table_is_named(tmp_path: Path):
-    with pytest.raises(InputError, match=r"scores\.parquet "):
-        read(tmp_path)
-
-
-def test_a_damaged_table_is_named_and_not_overwritten(tmp_path: Path):
-    (tmp_path / "scores.parquet").write_bytes(b"PAR1 but not really")
-    write(tmp_path, "one", ROW)
-    with pytest.raises(InputError, match=r"scores\.parquet: "):
-        merge(tmp_path)
-    assert (tmp_path / "scores.parquet").read_bytes() == b"PAR1 but not really"
-    assert list((tmp_path / "parts").glob("*.parquet"))
 
 
 def test_columns_and_types_are_the_same_for_no_rows_and_many():

@@ -127,21 +127,6 @@ def frame(corners: Array, margin: float) -> Array:
 # -- the geometry ------------------------------------------------------------------------------------------------
 
 
-def test_a_chart_is_carried_to_where_another_camera_sees_it() -> None:
-    marked = board_view("a.png", (0.2, 0.05, -0.3), yaw=0.08, mark=True)
-    other = board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1)
-    (proposal,) = propose([(marked, marked.charts[0])], [marked, other])
-    assert (proposal.view, proposal.source, proposal.chart.name, proposal.chart.kind) == (
-        "b.png",
-        "a.png",
-        "left",
-        "dgk",
-    )
-    np.testing.assert_allclose(
-        proposal.chart.corners, true_corners(other.camera, other.cam_from_world), atol=0.02
-    )
-
-
 def test_a_chart_that_is_not_seen_whole_is_not_proposed() -> None:
     marked = board_view("a.png", (0.2, 0.05, -0.3), yaw=0.08, mark=True)
     others = [
