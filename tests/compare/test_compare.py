@@ -38,8 +38,8 @@ def table(scores: dict[str, list[float | None]], **kind: str) -> compare.Compari
     return comparison
 
 
-def cells(comparison: compare.Comparison, column: int = 0) -> dict[str, compare.Cell]:
-    chosen = comparison.columns[column]
+def cells(comparison: compare.Comparison) -> dict[str, compare.Cell]:
+    chosen = comparison.columns[0]
     return {name: cell for (name, c), cell in comparison.cells.items() if c == chosen}
 
 
@@ -269,11 +269,11 @@ def test_repetitions_of_a_view_are_one_view():
     assert cells(comparison)["m"].low == means.low
 
 
-def repeated(method: str, values: dict[int, float], views: str = "ab") -> list[Row]:
+def repeated(method: str, values: dict[int, float]) -> list[Row]:
     """A method's restorations and scores in some replicates, by the replicate's number."""
     return [
         replace(row, value=row.value if row.metric == "seconds" else value)
-        for (n, value), view in itertools.product(values.items(), views)
+        for (n, value), view in itertools.product(values.items(), "ab")
         for row in restored(method, view, scene=replicated("reef", n))
     ]
 

@@ -55,16 +55,14 @@ def table(
     return comparison
 
 
-def terminal(
-    comparison: compare.Comparison, width: int = 120, colours: bool = False, spread: bool = False
-) -> str:
+def terminal(comparison: compare.Comparison, colours: bool = False, spread: bool = False) -> str:
     console = Console(
         file=io.StringIO(),
-        width=width,
+        width=120,
         force_terminal=colours,
         color_system="standard" if colours else None,
     )
-    console.print(as_table(comparison, width, spread))
+    console.print(as_table(comparison, 120, spread))
     return console.file.getvalue()
 
 

@@ -96,13 +96,13 @@ def write_scene(root: Path, lens: str = "pinhole", **more: Any) -> Path:
 load = loader(Nerfstudio)
 
 
-def edit(change: Any, name: str = "transforms.json") -> Change:
+def edit(change: Any) -> Change:
     """Change what the JSON holds, in place."""
 
     def apply(root: Path) -> None:
-        content = json.loads((root / name).read_text())
+        content = json.loads((root / "transforms.json").read_text())
         change(content)
-        (root / name).write_text(json.dumps(content))
+        (root / "transforms.json").write_text(json.dumps(content))
 
     return apply
 

@@ -34,13 +34,12 @@ def dmap(
     pose: np.ndarray,
     depth: np.ndarray,
     magic: bytes = b"DR",
-    flags: int = 15,
     views: int = 3,
 ) -> bytes:
     """Pack a depth map; `pose` is world-from-camera."""
     height, width = depth.shape
     exponent = 3 if magic == b"D2" else 0
-    head = magic + struct.pack("<Bb4I2f", flags, exponent, WIDTH, HEIGHT, width, height, 0.5, 20.0)
+    head = magic + struct.pack("<Bb4I2f", 15, exponent, WIDTH, HEIGHT, width, height, 0.5, 20.0)
     if magic == b"D2":
         head += struct.pack("<f", 1.0)
     head += (

@@ -30,7 +30,7 @@ _TABLE = b"curv" + struct.pack(
 )
 
 
-def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes, space: bytes = b"RGB ") -> bytes:
+def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
     def xyz(numbers: tuple[float, ...]) -> bytes:
         return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(x * 65536)) for x in numbers)
 
@@ -45,7 +45,7 @@ def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes, space: bytes = b
     size = struct.pack(">I", 132 + len(table) + len(body))
     about = (
         b"\x02\x40\0\0mntr"
-        + space
+        + b"RGB "
         + b"XYZ "
         + struct.pack(">6H", 2026, 1, 1, 0, 0, 0)
         + b"acsp"

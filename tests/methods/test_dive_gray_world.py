@@ -14,15 +14,13 @@ from sucre_bench.methods.dive_gray_world import DiveGrayWorld, pooled
 HEIGHT, WIDTH = 90, 120
 
 
-def in_water(seed: int, nearest: float, farthest: float, name: str = "") -> tuple[View, np.ndarray]:
+def in_water(seed: int, nearest: float, farthest: float) -> tuple[View, np.ndarray]:
     """A view of colours that do not depend on distance, and those colours (H, W, 3)."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(nearest, farthest, (HEIGHT, WIDTH)).astype(np.float32)
     J = rng.normal([0.5, 0.4, 0.6], [0.1, 0.15, 0.05], (HEIGHT, WIDTH, 3))
     veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
-    return View(
-        name or f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)
-    ), J
+    return View(f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)), J
 
 
 def dive(*views: View) -> Scene:

@@ -15,14 +15,14 @@ from sucre_bench.imaging.image_formation import ChannelWater, TwoTerm
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, negative_log_likelihood
 
 
-def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
+def drawn_view(seed: int = 0, height: int = 160, width: int = 120) -> View:
     """Colours drawn from N(0.5, 0.15) at distances from 1 to 9 m, in known water."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(1, 9, (height, width)).astype(np.float32)
     J = rng.normal(0.5, 0.15, (height, width, 3))
     veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
     intensity = (J * np.exp(-WATER.attenuation * z[..., None]) + veil).clip(0, 1)
-    return View("a.png", Arrays(np.rint(intensity * 255) / 255 if rounded else intensity, z, J))
+    return View("a.png", Arrays(np.rint(intensity * 255) / 255, z, J))
 
 
 @pytest.mark.parametrize(

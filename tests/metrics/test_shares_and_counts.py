@@ -62,11 +62,9 @@ IMAGE = np.array(
 )
 
 
-def counted(
-    metric: Coverage | Negative, variant: str, image: Array = IMAGE, depth: Array | None = None
-) -> list[Score]:
-    view = View("a.png", Arrays(np.zeros_like(image), depth))
-    return list(metric.score(Restoration(image), image, view, variant))
+def counted(metric: Coverage | Negative, variant: str, depth: Array | None = None) -> list[Score]:
+    view = View("a.png", Arrays(np.zeros_like(IMAGE), depth))
+    return list(metric.score(Restoration(IMAGE), IMAGE, view, variant))
 
 
 def test_coverage_is_the_share_of_pixels_with_all_three_channels() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array
 from sucre_bench.metrics.water import Water, WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
@@ -58,10 +57,10 @@ KNOWN = SceneWater(
 )
 
 
-def parameters(variant: str, water: SceneWater | None, image: Array = IMAGE) -> list[Score]:
+def parameters(variant: str, water: SceneWater | None) -> list[Score]:
     return list(
         WaterParameters().score(
-            Restoration(image, water), image, View("a.png", Arrays(IMAGE)), variant
+            Restoration(IMAGE, water), IMAGE, View("a.png", Arrays(IMAGE)), variant
         )
     )
 

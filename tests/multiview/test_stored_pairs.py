@@ -29,10 +29,10 @@ class Counted:
         return self.pixels.load(plane)
 
 
-def counted_scene(data_id: str = "0123") -> Scene:
+def counted_scene() -> Scene:
     scene = make_scene()
     return replace(
-        scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id=data_id
+        scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id="0123"
     )
 
 

@@ -37,25 +37,21 @@ def in_water(J: np.ndarray, z: np.ndarray, water: Water) -> np.ndarray:
     )
 
 
-def photographed(
-    intensity: np.ndarray, *, noise: float = 0.0, bits: int = 8, seed: int = 0
-) -> np.ndarray:
-    """Intensities as a camera stores them, float64 in [0, 1]. noise: standard deviation; bits: 0 for no rounding."""
-    noisy = intensity + noise * np.random.default_rng(seed).standard_normal(intensity.shape)
-    levels = 2**bits - 1
-    return np.rint(noisy.clip(0, 1) * levels) / levels if bits else noisy
+def photographed(intensity: np.ndarray) -> np.ndarray:
+    """Intensities as a camera stores them in 8 bits, float64 in [0, 1]."""
+    return np.rint(intensity.clip(0, 1) * 255) / 255
 
 
 CLEAR = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
 
 
-def random_seabed(seed: int = 0, water: Water = CLEAR, near: float = 2.0, far: float = 8.0) -> View:
+def random_seabed(seed: int = 0) -> View:
     """Distances rise over the image; every fortieth pixel or so is black; 8 bits. Its reference is J."""
     rng = np.random.default_rng(seed)
-    z = np.tile(np.linspace(near, far, 160, dtype=np.float32)[:, None], (1, 120))
+    z = np.tile(np.linspace(2.0, 8.0, 160, dtype=np.float32)[:, None], (1, 120))
     J = rng.uniform(0.1, 0.9, (160, 120, 3))
     J[rng.random(z.shape) < 0.025] = 0.002
-    return view_in_water(J, z, water)
+    return view_in_water(J, z, CLEAR)
 
 
 def view_in_water(J: np.ndarray, z: np.ndarray, water: Water) -> View:

@@ -112,9 +112,9 @@ def loader(dataset: Callable[..., Any]) -> Callable[..., Scene]:
     return load
 
 
-def cut(path: Path, share: float = 0.5) -> None:
+def cut(path: Path) -> None:
     content = path.read_bytes()
-    path.write_bytes(content[: int(len(content) * share)])
+    path.write_bytes(content[: len(content) // 2])
 
 
 def check_scene_fault(load: Callable[[], Scene], root: Path, parts: list[str]) -> None:

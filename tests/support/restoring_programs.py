@@ -14,11 +14,9 @@ DEPTH = np.float32([[0, 0.5, 1, 1.5, 1.75, 1.999]]).repeat(4, axis=0)
 PYTHON = f"{sys.executable} -S"
 
 
-def scene_of(
-    *names: str, rgb: np.ndarray = RGB, depth: np.ndarray | None = None, encoding: str = "gamma"
-) -> Scene:
+def scene_of(*names: str, depth: np.ndarray | None = None, encoding: str = "gamma") -> Scene:
     camera = Camera(np.array([[6.0, 0, 3], [0, 6, 2], [0, 0, 1]]), 6, 4)
-    views = [View(name, Arrays(rgb, depth), camera, encoding=encoding) for name in names]
+    views = [View(name, Arrays(RGB, depth), camera, encoding=encoding) for name in names]
     return Scene("made", views, frozenset({"depth"} if depth is not None else ()))
 
 

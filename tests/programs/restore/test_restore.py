@@ -31,8 +31,8 @@ from sucre_bench.programs.restore.write import Restored
 Bench = Callable[..., Done]
 
 
-def seabed(seed: int, height: int = 60, width: int = 80) -> np.ndarray:
-    values = cv2.resize(picture(seed, 20, 15), (width, height), interpolation=cv2.INTER_LINEAR)
+def seabed(seed: int) -> np.ndarray:
+    values = cv2.resize(picture(seed, 20, 15), (80, 60), interpolation=cv2.INTER_LINEAR)
     return np.asarray(values)
 
 

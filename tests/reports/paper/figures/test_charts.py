@@ -46,10 +46,10 @@ def error(method: str, view: str, chart: str, patch: str) -> float:
     )
 
 
-def chart_rows(hue: float = 0.0, dataset: str = "dive") -> Iterator[Row]:
+def chart_rows(hue: float = 0.0) -> Iterator[Row]:
     """Scores of two charts in three views; sucre's hues are off by `hue`, underwater's by none."""
     for method, view, chart in product(METHODS, VIEWS, CHARTS):
-        own = {"dataset": dataset, "scene": "s", "view": view, "method": method}
+        own = {"dataset": "dive", "scene": "s", "view": view, "method": method}
         yield Row(**own, metric="seconds", value=1)
         yield Row(
             **own,
@@ -179,9 +179,9 @@ TRUE = {
 }
 
 
-def water_rows(methods: tuple[str, ...] = METHODS) -> Iterator[Row]:
+def water_rows() -> Iterator[Row]:
     """Parameters 1, 2, 3 ... of a channel in views whose distances vary by 1, 4, 9 ..."""
-    for method, (k, view) in product(methods, enumerate(VIEWS)):
+    for method, (k, view) in product(METHODS, enumerate(VIEWS)):
         own = {"dataset": "dive", "scene": "s", "view": view, "method": method}
         yield Row(**own, metric="distance_variance", variant="image", value=(k + 1) ** 2)
         for p, c in product(range(3), range(3)):
