@@ -97,7 +97,6 @@ def compare(
     from sucre_bench import compare, plugins
     from sucre_bench.compare.terminal_table import as_blocks
     from sucre_bench.compare.words import left_out
-    from sucre_bench.engine.training_pictures import seen_in_training
 
     for file in plugin_files:
         plugins.load_file(file)
@@ -134,10 +133,12 @@ def compare(
         click.echo(
             f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}"
         )
-    for line in dict.fromkeys(
-        line for folder in folders for line in seen_in_training(folder, rows)
-    ):
-        say(line, "yellow")
+    if any(note.kind == "trained on" for table in compared for note in table.notes):
+        from sucre_bench.engine.training_pictures import seen_in_training
+
+        seen = [line for folder in folders for line in seen_in_training(folder, rows)]
+        for line in dict.fromkeys(seen):
+            say(line, "yellow")
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)

@@ -11,7 +11,6 @@ from sucre_bench.compare.choose_rows import (
     leaves_holes as leaves_holes,
     load as load,
     on_pixels as on_pixels,
-    refusals as refusals,
     refuse as refuse,
 )
 from sucre_bench.compare.compare_rows import (

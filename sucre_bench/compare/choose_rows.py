@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -19,9 +18,8 @@ import numpy as np
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.errors import InputError, LinesError, did_you_mean
-from sucre_bench.loading.named_sets import named_sets
 from sucre_bench.machine import progress
-from sucre_bench.plugins.plugin import Fault
+from sucre_bench.plugins.plugin import Fault, Plugin
 from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
@@ -31,8 +29,15 @@ from sucre_bench.results.common_scores import (
     methods_of,
 )
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.row_code import RowCode
-from sucre_bench.results.rows import COMMON, COSTS, KEYS, restorations, values_of
+from sucre_bench.results.rows import (
+    COMMON,
+    COSTS,
+    KEYS,
+    RowCode,
+    code_parts,
+    restorations,
+    values_of,
+)
 from sucre_bench.results.table import is_bundle, is_fresh
 
 _NAMED = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
@@ -56,7 +61,7 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
             tables.append(rows.assign(_folder=str(folder)))
     rows = pd.concat(tables, ignore_index=True)
     if len(tables) > 1:
-        coded = rows.assign(_code=_code_of_method(rows))
+        coded = rows.assign(_code=code_parts(rows["code"])["method"])
         of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
         for group, column, fault in (
             (of_scene, "data_id", "the data differ between these runs"),
@@ -119,80 +124,80 @@ class NotComparableError(LinesError, InputError):
 
 
 def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
-    """Raise NotComparableError, a line a reason, where methods cannot be compared. Arguments as for `refusals`."""
-    if lines := [f"{dataset}: {reason}" for dataset, reason in refusals(rows, metrics, common)]:
-        raise NotComparableError("\n".join(lines))
-
-
-def refusals(
-    rows: DataFrame, metrics: Sequence[str] = (), common: bool = False
-) -> Iterator[tuple[str, str]]:
-    """Yield a dataset and why its methods cannot be compared: the difference, and what to do.
+    """Raise NotComparableError where methods cannot be compared: a line a dataset and difference, with what to do.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
     long as they share some.
     """
-    asked = asked_for(rows, metrics)
-    fresh = is_fresh(rows)
-    for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
-        scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
-        ok = scored[scored["status"] == "ok"]
-        scenes = {results.unreplicated(scene)[0] for scene in of_dataset["scene"].unique()}
-        if len(scenes) > 1 and len(sets := sorted(scenes & set(named_sets()))) > 1:
-            remedy = "run each again with a dataset.label of its own, or compare folders of one set"
-            yield str(dataset), f"rows are of the test sets {names_of(sets)}; {remedy}"
+    rows = rows.assign(_asked=asked_for(rows, metrics))[is_fresh(rows)]
+    lines = []
+    for dataset, of_dataset in rows.groupby("dataset", sort=False):
+        scored = of_dataset[of_dataset["_asked"] & ~of_dataset["metric"].isin(COSTS)]
         reasons = (
+            *_test_sets(of_dataset),
             *_images(of_dataset, common),
             *_variants(scored),
-            *_versions(ok),
+            *_versions(scored[scored["status"] == "ok"]),
             *(f"{method}: {why}" for method, why in mixed_codes(of_dataset)),
             *_normalisations(of_dataset),
         )
-        yield from ((str(dataset), reason) for reason in reasons)
+        lines += [f"{dataset}: {reason}" for reason in reasons]
+    if lines:
+        raise NotComparableError("\n".join(lines))
+
+
+def _test_sets(rows: DataFrame) -> Iterator[str]:
+    """Scenes of several named test sets."""
+    scenes = without_replicates(rows)["scene"].unique()
+    if len(scenes) < 2:
+        return
+    from sucre_bench.loading.named_sets import named_sets
+
+    sets = sorted({*scenes} & named_sets().keys())
+    if len(sets) > 1:
+        remedy = "run each again with a dataset.label of its own, or compare folders of one set"
+        yield f"rows are of the test sets {names_of(sets)}; {remedy}"
+
+
+def without_replicates(rows: DataFrame) -> DataFrame:
+    """Give the scenes of repetitions the name of what they repeat; a column `_replicate` has their numbers."""
+    names = {name: results.unreplicated(name) for name in rows["scene"].unique()}
+    numbers = rows["scene"].map({name: number for name, (_, number) in names.items()})
+    return rows.assign(
+        scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}),
+        _replicate=numbers,
+    )
 
 
 def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
-    whole = set(rows.loc[rows["view"] == "", "method"])
+    whole = rows.loc[rows["view"] == "", "method"]
     per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]].drop_duplicates()
-    split = {scene: results.unreplicated(scene) for scene in per_view["scene"].unique()}
-    images: dict[str, frozenset[tuple[str, int, str]]] = {
-        str(name): frozenset(
-            (*split[scene], view) for scene, view in values_of(of_method, "scene", "view")
-        )
-        for name, of_method in per_view.groupby("method", sort=False)
-    }
-    if len(_alike(images)) < 2:
+    if (per_view.groupby(["scene", "view"]).size() == per_view["method"].nunique()).all():
         return
-    shared = frozenset.intersection(*images.values())
-    if shared and common:
+    per_view = without_replicates(per_view)
+    of_image = ["scene", "view"]
+    # (scene, view, replicate) x methods
+    ran = per_view.groupby([*of_image, "_replicate", "method"]).size().unstack(fill_value=0) > 0
+    ran = ran[per_view["method"].unique()]
+    shared = ran[ran.all(axis=1)].droplevel("_replicate").index.unique()
+    if len(shared) and common:
         return
-    n = len({(scene, view) for scene, _, view in shared})
-    share = (
-        f", or --common compares them on the {n} images they share"
-        if n
-        else ", for they share none"
-    )
-    plain = {
-        name: frozenset((scene, view) for scene, _, view in of_method)
-        for name, of_method in images.items()
-    }
-    anywhere = frozenset[tuple[str, str]]().union(*plain.values())
-    if len(alike := _alike(plain)) > 1:
-        counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in alike.items())
-        lacking, views = next((name, views) for name, views in plain.items() if views != anywhere)
-        scene, view = min(anywhere - views)
-        example = f"{scene}/{view}" if len({name for name, _ in anywhere}) > 1 else view
-        why = f"{counts} ({lacking} not on {example}); run them on the same ones{share}"
+    share = ", for they share none"
+    if len(shared):
+        share = f", or --common compares them on the {len(shared)} images they share"
+    plain = ran.groupby(level=of_image).any()
+    if not plain.all(axis=None):
+        counts = _alike({str(name): tuple(plain.index[has]) for name, has in plain.items()})
+        words = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in counts.items())
+        lacking = plain.columns[~plain.all()][0]
+        scene, view = plain.index[~plain[lacking]][0]
+        example = f"{scene}/{view}" if plain.index.get_level_values("scene").nunique() > 1 else view
+        why = f"{words} ({lacking} not on {example}); run them on the same ones{share}"
         yield f"methods ran on different images: {why}"
         return
-    scene, _, view = min(image for of_method in images.values() for image in of_method - shared)
-    replicates = {
-        name: tuple(
-            sorted(number for plain, number, of in of_method if (plain, of) == (scene, view))
-        )
-        for name, of_method in images.items()
-    }
+    scene, view, _ = ran.index[~ran.all(axis=1)][0]
+    replicates = {str(name): tuple(has.index[has]) for name, has in ran.loc[scene, view].items()}
     have = (
         f"{names_of(names)} {', '.join(map(str, numbers))}"
         for numbers, names in _alike(replicates).items()
@@ -204,10 +209,7 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
 def _variants(rows: DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
-        variants = {
-            str(name): frozenset(scores["variant"].unique())
-            for name, scores in of_metric.groupby("method", sort=False)
-        }
+        variants = of_metric.groupby("method", sort=False)["variant"].agg(frozenset).to_dict()
         for (first, names), (second, others) in combinations(_alike(variants).items(), 2):
             if not first & second:
                 yield (
@@ -219,48 +221,40 @@ def _variants(rows: DataFrame) -> Iterator[str]:
 
 def _versions(rows: DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
+    rows = rows.assign(_made_by=code_parts(rows["code"])["metric"])
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
-        made_by = _each_code(of_variant["code"], lambda code: code.metric)
-        last = of_variant["time"].groupby(made_by).max().sort_values().index[-1]
+        made_by = of_variant["_made_by"]
+        last = made_by[of_variant["time"].sort_values().index[-1]]
         if (made_by == last).all():
             continue
         older = made_by[made_by != last].iloc[0]
-        names = [
-            list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)
-        ]
+        old, new = (
+            names_of(list(of_variant["method"][made_by == code].unique())) for code in (older, last)
+        )
         sources = {RowCode("", code).metric_source for code in (older, last)}
         differing = "versions" if len(sources) > 1 else "options"
         yield (
-            f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
-            f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
-            "what is out of date is done anew"
+            f"{metric} ({variant}): {old} scored by other {differing} of the metric than "
+            f"{new}; give the run command of {old} again, what is out of date is done anew"
         )
 
 
 def mixed_codes(rows: DataFrame) -> Iterator[tuple[str, str]]:
     """Yield each method of a dataset's rows that several versions of its code restored, and of which views the newest
-    version would make others.
+    version would make others. rows: of the newest data.
     """
-    restored = restorations(rows[is_fresh(rows)]).sort_values("time", kind="stable")
+    restored = restorations(rows).sort_values("time", kind="stable")
+    restored = restored.assign(_made_by=code_parts(restored["code"])["method"])
     for method, of_method in restored.groupby("method", sort=False):
-        made_by = _code_of_method(of_method)
-        if older := list(of_method["view"][made_by != made_by.iloc[-1]].unique()):
+        last = of_method.iloc[-1]
+        older = list(of_method["view"][of_method["_made_by"] != last["_made_by"]].unique())
+        if older:
             more = f" and {len(older) - 3} more" if len(older) > 3 else ""
             yield (
                 str(method),
                 f"{', '.join(older[:3])}{more} restored by another version of its code than "
-                f"{of_method['view'].iloc[-1]}; give their run command again, what is out of date is done anew",
+                f"{last['view']}; give their run command again, what is out of date is done anew",
             )
-
-
-def _code_of_method(rows: DataFrame) -> Series:
-    """The hash of the code that restored."""
-    return _each_code(rows["code"], lambda code: code.method)
-
-
-def _each_code(codes: Series, part: Callable[[RowCode], str], on_common: bool = False) -> Series:
-    """A part of each row's code. on_common: whether the rows are scores on common pixels."""
-    return codes.map({text: part(RowCode.read(text, on_common)) for text in codes.unique()})
 
 
 def _normalisations(rows: DataFrame) -> Iterator[str]:
@@ -286,11 +280,11 @@ def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
     return {name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")}
 
 
-def _alike(values: Mapping[str, T]) -> dict[T, list[str]]:
+def _alike(values: Mapping[Any, T]) -> dict[T, list[str]]:
     """Return the methods with equal values, by value."""
     alike: dict[T, list[str]] = {}
     for name, value in values.items():
-        alike.setdefault(value, []).append(name)
+        alike.setdefault(value, []).append(str(name))
     return alike
 
 
@@ -312,10 +306,15 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 
+def metrics_in(rows: DataFrame) -> dict[str, Plugin]:
+    """Return the metrics of rows by name, those that are installed."""
+    known = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
+    return {name: plugin for name, plugin in known.items() if plugin}
+
+
 def metrics_of_faults(rows: DataFrame) -> dict[str, Mapping[str, Fault]]:
     """Return the faults that the metrics of rows declare, by metric: tables say them in words, and have no column."""
-    known = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
-    return {name: plugin.faults for name, plugin in known.items() if plugin and plugin.faults}
+    return {name: plugin.faults for name, plugin in metrics_in(rows).items() if plugin.faults}
 
 
 # -- pixels ------------------------------------------------------------------------------------------------
@@ -335,9 +334,8 @@ def leaves_holes(rows: DataFrame) -> bool:
     return bool((restorations(rows)["coverage"] < 1).any())
 
 
-def on_own_pixels(rows: DataFrame) -> DataFrame:
-    """Return rows with the columns of `on_pixels`, every score as it is."""
-    return rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+# The columns of `on_pixels`, of scores as they are.
+OWN_PIXELS = {"pixels": "own", "pixels_share": math.nan, "pixels_reason": ""}
 
 
 def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
@@ -348,7 +346,7 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """
-    rows = on_own_pixels(rows)
+    rows = rows.assign(**OWN_PIXELS)
     if not leaves_holes(rows):
         return rows
     common = read()
@@ -370,10 +368,9 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     if scored.empty:
         return rows
     found = common[common["metric"] != COMMON_PIXELS]
+    code = found["code"].str.rsplit(".", n=1)  # the mask's comes last, see `RowCode`
     found = found.assign(
-        variant=found["variant"].str.removesuffix(COMMON),
-        code=_each_code(found["code"], lambda code: str(replace(code, mask="")), on_common=True),
-        _mask=_each_code(found["code"], lambda code: code.mask, on_common=True),
+        variant=found["variant"].str.removesuffix(COMMON), code=code.str[0], _mask=code.str[1]
     )
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
@@ -438,6 +435,5 @@ def scores_of_pixels(rows: DataFrame) -> Series:
 
     A metric that is not installed does not.
     """
-    metrics = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
-    of_pixels = [name for name, plugin in metrics.items() if plugin and plugin.is_of_pixels]
+    of_pixels = [name for name, plugin in metrics_in(rows).items() if plugin.is_of_pixels]
     return rows["metric"].isin(of_pixels) & (rows["region"] == "image")

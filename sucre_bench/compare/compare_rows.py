@@ -8,14 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import statistics
 from sucre_bench.compare.choose_rows import (
+    OWN_PIXELS,
     asked_for,
     leaves_holes,
+    metrics_in,
     metrics_of_faults,
-    on_own_pixels,
+    without_replicates,
 )
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.notes import (
@@ -59,7 +61,8 @@ def compare(
     Raises InputError for a metric or a baseline that the rows do not have.
     """
     asked = asked_for(rows, metrics)
-    known = {dataset: about(of_dataset) for dataset, of_dataset in rows.groupby("dataset")}
+    fresh = is_fresh(rows)
+    known = {dataset: about(each, fresh) for dataset, each in rows.groupby("dataset")}
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -67,12 +70,12 @@ def compare(
         raise InputError(
             f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}"
         )
-    fresh = is_fresh(rows)
+    fresh = fresh[rows.index]
     older = dict.fromkeys(values_of(rows[~fresh], "dataset", "method", "scene", "view"))
     newer = set(values_of(rows[fresh], "dataset", "method"))
     rows = without_replicates(rows.assign(_asked=asked)[fresh]).drop(columns=["data_id", "time"])
     if "pixels" not in rows:
-        rows = on_own_pixels(rows)
+        rows = rows.assign(**OWN_PIXELS)
     is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(
         metrics_of_faults(rows)
     )
@@ -164,16 +167,6 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
     )
 
 
-def without_replicates(rows: DataFrame) -> DataFrame:
-    """Give the scenes of repetitions the name of what they repeat; a column `_replicate` has their numbers."""
-    names = {name: results.unreplicated(name) for name in rows["scene"].unique()}
-    numbers = rows["scene"].map({name: number for name, (_, number) in names.items()})
-    return rows.assign(
-        scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}),
-        _replicate=numbers,
-    )
-
-
 def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
     """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
     import pandas as pd
@@ -195,14 +188,9 @@ def _table(
 ) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
-    metrics = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
-    of_colours = {
-        name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}
-    }
-    is_lack = (rows["status"] == "skipped") & Reason.among(rows["reason"], Reason.LACK)
-    lacks = frozenset[str]().union(
-        *(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique())
-    )
+    skipped = rows[rows["status"] == "skipped"]
+    lacking = skipped[Reason.among(skipped["reason"], Reason.LACK)]
+    needs = {need for plugin in metrics_in(lacking).values() for need in plugin.needs}
     has_holes = leaves_holes(rows)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
@@ -243,7 +231,7 @@ def _table(
         notes=(*noted, *known.notes),
         measured=measured,
         photographs=photographs,
-        lacks_truth=lacks >= {"reference", "charts"},
+        lacks_truth=needs >= {"reference", "charts"},
     )
     return against(table, baseline) if baseline else table
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare.choose_rows import (
     metrics_of_faults,
     mixed_codes,
@@ -17,7 +17,6 @@ from sucre_bench.compare.choose_rows import (
     scores_of_pixels,
 )
 from sucre_bench.compare.model import FILLED, Column, Note, NoteKind, says_filled
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
@@ -36,34 +35,29 @@ class About:
     is_track: bool
 
 
-def about(rows: DataFrame) -> About:
-    """Return what is known of the methods of a dataset's rows beside their scores."""
+def about(rows: DataFrame, fresh: Series) -> About:
+    """Return what is known of the methods of a dataset beside their scores. fresh: which rows are of new data."""
     options = options_of(rows)
-    method = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
+    methods = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
     data = [
         plugins.get("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()
     ]
+    trained = {name: told.get("trained_on") for name, told in options.items()}
+    notes = [
+        Note("trained on", (name,), reasons=str(text)) for name, text in trained.items() if text
+    ]
+    cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
+    for text in sorted(set(cites.values())):
+        if text.startswith("by this project"):  # no published method
+            names = tuple(name for name in cites if cites[name] == text)
+            notes.append(Note("by us", names, reasons=text))
+    for name, why in mixed_codes(rows[fresh[rows.index]]):
+        notes.append(Note("mixed codes", (name,), reasons=why))
     return About(
-        (
-            *_notes(options, method),
-            *(Note("mixed codes", (name,), reasons=why) for name, why in mixed_codes(rows)),
-        ),
-        frozenset(name for name, plugin in method.items() if plugin and plugin.is_photograph),
+        tuple(notes),
+        frozenset(name for name, plugin in methods.items() if plugin and plugin.is_photograph),
         any(plugin is None or "poses" in plugin.has for plugin in data),
     )
-
-
-def _notes(
-    options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]
-) -> Iterator[Note]:
-    for name in methods:
-        text = options[name].get("trained_on")
-        if text:
-            yield Note("trained on", (name,), reasons=str(text))
-    cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
-    for text in sorted({text for text in cites.values() if text.startswith("by this project")}):
-        # no published method
-        yield Note("by us", tuple(name for name in cites if cites[name] == text), reasons=text)
 
 
 REPETITION = ["scene", "view", "region", "_replicate"]

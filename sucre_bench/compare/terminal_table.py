@@ -40,26 +40,23 @@ class _Laid:
     is_dim: bool = False
     """Whether all of it is dim, because nobody wins by it."""
 
-    def texts(self) -> list[Text]:
-        """Its cells: numbers, intervals and holes stand each below those of the cells above."""
-        from rich.text import Text
 
-        interval_width = max(len(cell.interval) for cell in self.cells)
-        holes_width = max(len(cell.holes) for cell in self.cells)
-        lines = []
-        for cell in self.cells:
-            value = f"{cell.mark} {cell.value}".lstrip()
-            style = _STYLE.get(cell.look, "dim" if cell.mark or self.is_dim else "")
-            line = Text().append(value, style)
-            for part, width in ((cell.interval, interval_width), (cell.holes, holes_width)):
-                if width:
-                    line.append(f" {part:<{width}}", "dim")
-            lines.append(line)
-        return lines
+def _texts(column: _Laid) -> list[Text]:
+    """A column's cells: numbers, intervals and holes stand each below those of the cells above."""
+    from rich.text import Text
 
-    def width(self) -> int:
-        """How many characters wide it is."""
-        return max(len(self.head), len(self.unit), *(len(line) for line in self.texts()))
+    interval_width = max(len(cell.interval) for cell in column.cells)
+    holes_width = max(len(cell.holes) for cell in column.cells)
+    lines = []
+    for cell in column.cells:
+        value = f"{cell.mark} {cell.value}".lstrip()
+        style = _STYLE.get(cell.look, "dim" if cell.mark or column.is_dim else "")
+        line = Text().append(value, style)
+        for part, width in ((cell.interval, interval_width), (cell.holes, holes_width)):
+            if width:
+                line.append(f" {part:<{width}}", "dim")
+        lines.append(line)
+    return lines
 
 
 def _tables(
@@ -69,7 +66,11 @@ def _tables(
     from rich.table import Table
     from rich.text import Text
 
-    widths = [column.width() for column in columns]
+    texts = [_texts(column) for column in columns]
+    widths = [
+        max(len(column.head), len(column.unit), *map(len, each))
+        for column, each in zip(columns, texts, strict=True)
+    ]
     longest = max(len(name) for name in ("method", *methods))
     first = min(longest, max(width - max(widths, default=0) - 2, _SHORTEST_NAMES))
     made = []
@@ -81,8 +82,7 @@ def _tables(
             table.add_column(head, justify="right", no_wrap=True)
         if any(column.unit for column in columns[places]):
             table.add_row("", *(Text(column.unit, "dim") for column in columns[places]))
-        rows = zip(*(column.texts() for column in columns[places]), strict=True)
-        for name, cells in zip(methods, rows, strict=True):
+        for name, *cells in zip(methods, *texts[places], strict=True):
             table.add_row(Text(name, "dim" if name in dim else ""), *cells)
         made.append(table)
     return made
@@ -126,12 +126,9 @@ def as_table(
         if intervals
         else []
     )
-    said = [*words.faults(comparison), *said]
-    if not chosen.knows_colours:
-        said = [comparison.blind, *said, comparison.advice]
-    return _joined(
-        _head(comparison, chosen), _tables(comparison.methods, laid_out, width), dim, said, width
-    )
+    said = words.framed(comparison, chosen, said)
+    tables = _tables(comparison.methods, laid_out, width)
+    return _joined(_head(comparison, chosen), tables, dim, said, width)
 
 
 def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[Group]:
@@ -139,33 +136,33 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
 
     every: all columns, not only those that decide; of many datasets a table a column.
     """
-    by_first: dict[tuple[str, str], list[Comparison]] = {}
+    by_first: dict[tuple[str, str], list[tuple[Comparison, Deciding]]] = {}
     for comparison in words.notes_once(comparisons):
-        first = deciding(comparison, every).first
-        by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(
-            comparison
-        )
+        chosen = deciding(comparison, every)
+        first = chosen.main or next((one for one in chosen.scores if one.directed), None)
+        key = (first.metric, first.variant) if first else ("", "")
+        by_first.setdefault(key, []).append((comparison, chosen))
     made: list[Group] = []
     for main, group in by_first.items():
         if main[0] and len(group) > _MOST_BLOCKS:
-            columns = [(column.metric, column.variant) for one in group for column in one.columns]
+            of_many = [one for one, _ in group]
+            columns = [(column.metric, column.variant) for one in of_many for column in one.columns]
             made += [
-                _overview(group, *column, width)
+                _overview(of_many, *column, width)
                 for column in (dict.fromkeys(columns) if every else [main])
             ]
         else:
-            made += [_block(one, width, every) for one in group]
+            made += [_block(*one, width, every) for one in group]
     if same := words.unchanged(comparisons):
         made.append(_joined("", [], (), same, width))
     return made
 
 
-def _block(comparison: Comparison, width: int, every: bool) -> Group:
+def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) -> Group:
     """The columns that decide, the best method first, and a verdict for each score.
 
     The photograph stands below the methods. Lines are broken between words, to `width` characters.
     """
-    chosen = deciding(comparison, every)
     wanted = {*chosen.columns}
     notes = [
         replace(note, columns=tuple(column for column in note.columns if column in wanted))
@@ -203,7 +200,8 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
     ]
     dim = [_signs(block, laid_out, over), words.resolution(block), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
-    return _joined(_head(block, chosen), tables, dim, answer(block, deciding(block)), width)
+    said = answer(block, deciding(comparison) if every else chosen)
+    return _joined(_head(block, chosen), tables, dim, said, width)
 
 
 def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, width: int) -> Group:

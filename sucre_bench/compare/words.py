@@ -277,7 +277,7 @@ def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 
 def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a sentence for each dataset of which several tables have the same scores of a method.
+    """Return a sentence for each dataset of which all tables have the same scores of a method.
 
     What tells the tables apart, fewer neighbouring views for example, does not reach this method.
     """
@@ -286,20 +286,19 @@ def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
         groups.setdefault(comparison.title.partition(",")[0], []).append(comparison)
     said = []
     for name, group in groups.items():
-        means: dict[str, set[tuple[tuple[str, str, float], ...]]] = {}
+        means: dict[str, list[dict[tuple[str, str], float]]] = {}
         for one in group:
-            for method in one.restorers:
-                scores = tuple(
-                    (column.metric, column.variant, one.cells[method, column].mean)
-                    for column in one.columns
-                    if column.ranked and (method, column) in one.cells
-                )
-                means.setdefault(method, set()).add(scores)
-        same = [method for method, scores in means.items() if len(scores) == 1 and scores != {()}]
-        if len(group) > 1 and same:
-            what = (
-                f"in all {len(group)} tables of {name}: what differs between these does not reach"
-            )
+            scores: dict[str, dict[tuple[str, str], float]] = {}
+            for (method, column), cell in one.cells.items():
+                if column.ranked and method in one.restorers:
+                    of_method = scores.setdefault(method, {})
+                    of_method[column.metric, column.variant] = cell.mean
+            for method, of_method in scores.items():
+                means.setdefault(method, []).append(of_method)
+        n = len(group)
+        same = [method for method, each in means.items() if each == each[:1] * n]
+        if n > 1 and same:
+            what = f"in all {n} tables of {name}: what differs between these does not reach"
             said.append(
                 f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
             )
@@ -349,7 +348,10 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     With a baseline, the sentence is about the other method. interval: whether it has the interval and the effect.
     """
     column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
-    name = by_score(column, name_in(comparison, column))
+    name = name_in(comparison, column)
+    if column.knows == "evidence":
+        agreeing = f"{10 * column.agreement:.0f} of 10 pairs of methods"
+        name = f"By {name}, which agrees with true colours in {agreeing}"
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
@@ -361,7 +363,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
         lead = f"{verdict.leader} is better than {baseline}"
         wins = "better"
     ends = _interval(*verdict.interval) if interval else ""
-    by = f"{with_unit(verdict.difference, column)} {ends}".rstrip()
+    by = " ".join(filter(None, [number(verdict.difference), column.unit, ends]))
     if views < 2:
         return f"{name}: {lead} by {by}, on one view"
     effect = f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
@@ -375,19 +377,6 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     elif verdict.is_sure and not verdict.is_lead and not baseline:
         chance = f", by more than chance (a lead needs {FEWEST_FOR_LEAD} views)"
     return f"{name}: {lead} by {by}, {wins} in {round(verdict.wins, 1):g} of {views} views{effect}{chance}"
-
-
-def by_score(column: Column, name: str = "") -> str:
-    """Return what stands before a verdict: the score, and of evidence how well it agrees with truth."""
-    name = name or column.metric
-    if column.knows != "evidence":
-        return name
-    return f"By {name}, which agrees with true colours in {10 * column.agreement:.0f} of 10 pairs of methods"
-
-
-def with_unit(value: float, column: Column) -> str:
-    """Return a number in the column's unit."""
-    return f"{number(value)} {column.unit}".rstrip()
 
 
 # -- the answer: which columns decide, and who leads by each ---------------------------------------------------
@@ -407,33 +396,25 @@ _TRUE_COLOURS: tuple[Role, ...] = (
 
 @dataclass(frozen=True)
 class Deciding:
-    """scores: the main one first; filled: share of pixels with a colour; seconds: a restoration's; None where it was
-    not measured; knows_colours: False if no score compares with what is true, and nobody voted.
-    """
+    """The columns of a comparison that decide."""
 
     scores: tuple[Column, ...]
+    """The main one first."""
+
     filled: Column | None
+    """Share of pixels with a colour; None where it was not measured."""
+
     seconds: Column | None
-    knows_colours: bool = True
+    """A restoration's; None where it was not measured."""
 
-    @property
-    def main(self) -> Column | None:
-        """The score that sorts the methods; None if no score shows which colours are true."""
-        return (
-            next((column for column in self.scores if column.ranked), None)
-            if self.knows_colours
-            else None
-        )
+    knows_colours: bool
+    """False if no score compares with what is true, and nobody voted."""
 
-    @property
-    def first(self) -> Column | None:
-        """The main score; the first one if none sorts the methods."""
-        return self.main or next((column for column in self.scores if column.directed), None)
+    main: Column | None
+    """The score that sorts the methods; None if no score shows which colours are true."""
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """All of them, in the order of a table."""
-        return (*self.scores, *(column for column in (self.filled, self.seconds) if column))
+    columns: tuple[Column, ...]
+    """All of them, in the order of a table."""
 
 
 def deciding(comparison: Comparison, every: bool = False) -> Deciding:
@@ -483,11 +464,12 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
         seconds = next((column for column in scores if column.metric == RESTORATION), None)
         chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
         scores = tuple(column for column in chosen if column != filled)
+    scores = tuple(sorted(scores, key=lambda column: column.knows == "taste"))
     directed = [column for column in scores if column.directed]
     knows = not directed or any(column.knows == "truth" for column in directed)
-    return Deciding(
-        tuple(sorted(scores, key=lambda column: column.knows == "taste")), filled, seconds, knows
-    )
+    main = next((column for column in directed if knows and column.ranked), None)
+    shown = (*scores, *(column for column in (filled, seconds) if column))
+    return Deciding(scores, filled, seconds, knows, main, shown)
 
 
 _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
@@ -565,8 +547,7 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
     """Return a few sentences by the chosen columns: what is wrong with the pictures, and a verdict for each score.
 
-    With a baseline, there is a verdict for each method by the main score alone. Where no score shows which colours are
-    true, the first sentence says that. Evidence is named as that, and the last sentence says what to do.
+    With a baseline, there is a verdict for each method by the main score alone.
     """
     ranked = [column for column in chosen.scores if column.ranked]
     if comparison.baseline:
@@ -584,9 +565,16 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
         for column in ranked
         if _is_beaten(comparison, column)
     ]
-    if chosen.knows_colours:
-        return [*faults(comparison), *said]
-    return [comparison.blind, *faults(comparison), *said, comparison.advice]
+    return framed(comparison, chosen, said)
+
+
+def framed(comparison: Comparison, chosen: Deciding, said: Sequence[str]) -> list[str]:
+    """Return sentences behind one about what is wrong with the pictures.
+
+    Where no score shows which colours are true, the first sentence says that, and the last one what to do.
+    """
+    said = [*faults(comparison), *said]
+    return said if chosen.knows_colours else [comparison.blind, *said, comparison.advice]
 
 
 def _is_beaten(comparison: Comparison, column: Column) -> bool:

@@ -45,12 +45,12 @@ from sucre_bench.results.restorations import (
     stored_picture,
     stored_restoration,
 )
-from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import (
     COMMON,
     KEYS,
     RESTORATION,
     Row,
+    RowCode,
     restorations,
     row_objects,
     values_of,

@@ -30,8 +30,7 @@ from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly
-from sucre_bench.results.row_code import RowCode
-from sucre_bench.results.rows import RESTORATION, Row, Status, fingerprint
+from sucre_bench.results.rows import RESTORATION, Row, RowCode, Status, fingerprint
 from sucre_bench.scene import Restoration, View
 
 

@@ -9,6 +9,7 @@ fill, its `code` the hash of the mask, "" where there is none, and its `options`
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +22,6 @@ from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.results import table
 from sucre_bench.results.bundle_format import open_bundle
-from sucre_bench.results.restorations import mask_id
 from sucre_bench.results.rows import frame, restorations
 
 # The metric of the row that stands for a view.
@@ -102,7 +102,11 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
     kind: Kind = (
         "equal" if some - share <= LEAST_DIFFERENCE else "common" if common.any() else "none"
     )
-    return CommonPixels(common, share, kind, mask_id(common) if kind == "common" else "")
+    hash_of_mask = ""
+    if kind == "common":
+        content = str(common.shape).encode() + np.packbits(common).tobytes()
+        hash_of_mask = hashlib.blake2b(content, digest_size=8).hexdigest()
+    return CommonPixels(common, share, kind, hash_of_mask)
 
 
 def read_common(*folders: Path) -> DataFrame:

@@ -7,7 +7,6 @@ the method does not run again.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import struct
@@ -258,12 +257,6 @@ def mask_in(png: IO[bytes], place: Path) -> Mask | None:
     bits = zlib.decompressobj().decompress(png.read(length), (width * height + 7) // 8)
     flags = np.unpackbits(np.frombuffer(bits, np.uint8), count=width * height)
     return flags.reshape(height, width).astype(np.bool_)
-
-
-def mask_id(mask: Mask) -> str:
-    """Return a short hash of a mask, equal exactly for equal masks."""
-    content = str(mask.shape).encode() + np.packbits(mask).tobytes()
-    return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
 class PictureOnly(Restoration):

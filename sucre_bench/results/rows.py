@@ -72,6 +72,64 @@ class Row:
     time: str = field(default_factory=now)
 
 
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class RowCode:
+    """What made a row."""
+
+    restoration: str
+    """Hash of the code that restored, 12 digits, followed by that of the charts which the method looked at."""
+
+    metric: str = ""
+    """Hash of the metric's source; "-" and a hash of its options follow if it has any. Empty for a restoration."""
+
+    seen: str = ""
+    """Hash of the charts, or of the restored views, that the metric looked at."""
+
+    mask: str = ""
+    """Hash of the common pixels that were scored."""
+
+    @classmethod
+    def read(cls, text: str, on_common: bool = False) -> RowCode:
+        """Return what a row says. on_common: whether it is of a score on common pixels, whose hash comes last."""
+        rest, _, mask = text.rpartition(".") if on_common else (text, "", "")
+        restoration, metric, seen = [*rest.split(".", 2), "", ""][:3]
+        return cls(restoration, metric, seen, mask)
+
+    def __str__(self) -> str:
+        return ".".join(filter(None, (self.restoration, self.metric, self.seen, self.mask)))
+
+    @property
+    def method(self) -> str:
+        """The hash of the code that restored, without charts."""
+        return self.restoration[:_DIGITS]
+
+    @property
+    def metric_source(self) -> str:
+        """The hash of the metric's source, without its options."""
+        return self.metric.partition("-")[0]
+
+    @property
+    def metric_options(self) -> str:
+        """The hash of the metric's options; empty if it has none."""
+        return self.metric.partition("-")[2]
+
+
+_PARTS = ("restoration", "metric", "seen", "mask", "method")
+
+
+def code_parts(codes: Series, on_common: bool = False) -> DataFrame:
+    """Return what made each row: a column for each of `_PARTS`, see `RowCode`. on_common: as for `RowCode.read`."""
+    import pandas as pd
+
+    texts = codes.unique()
+    read = [RowCode.read(text, on_common) for text in texts]
+    columns = {name: [getattr(code, name) for code in read] for name in _PARTS}
+    return pd.DataFrame(columns, texts, dtype=object).loc[codes].set_axis(codes.index)
+
+
 def replicated(scene: str, replicate: int) -> str:
     """A scene's name as rows keep it: every replicate but the first says which it is."""
     return f"{scene},replicate={replicate}" if replicate else scene
@@ -147,14 +205,13 @@ def restoration_rows(rows: DataFrame) -> DataFrame:
 
 def restorations(rows: DataFrame) -> DataFrame:
     """Return the rows that stand for restorations that ended well: one a view and method, see `Row`."""
-    return rows[(rows["metric"] == RESTORATION) & (rows["status"] == "ok") & (rows["view"] != "")]
+    return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
 
 
 def is_of_common_pixels(rows: DataFrame) -> Series:
     """Return which rows of a stored table are about common pixels."""
-    return rows["variant"].isin(
-        [variant for variant in rows["variant"].unique() if variant.endswith(COMMON)]
-    )
+    variants = rows["variant"].drop_duplicates()
+    return rows["variant"].isin(variants[variants.str.endswith(COMMON)])
 
 
 By = Literal["method", "view", "region"]

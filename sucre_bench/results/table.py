@@ -34,7 +34,6 @@ from sucre_bench.errors import (
 )
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import not_writable, regular, write_atomically
-from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import (
     COLUMNS,
     KEYS,
@@ -43,6 +42,7 @@ from sucre_bench.results.rows import (
     Row,
     Status,
     as_arrow,
+    code_parts,
     frame,
     is_of_common_pixels,
 )
@@ -172,15 +172,15 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
     import pyarrow
     from pyarrow import compute
 
-    def is_one_of(name: str, words: Sequence[str]) -> pyarrow.Array:
-        return compute.is_in(rows[name], pyarrow.array(words, rows[name].type))
-
     right = {name: compute.is_valid(rows[name]) for name in COLUMNS if name not in _MAY_BE_ABSENT}
-    objects = [text for text in rows["options"].unique().to_pylist() if _is_object(text)]
+    allowed = {
+        "options": [text for text in rows["options"].unique().to_pylist() if _is_object(text)],
+        "status": get_args(Status),
+        "better": ("higher", "lower", "none"),
+    }
+    for name, words in allowed.items():
+        right[name] = compute.is_in(rows[name], pyarrow.array(words, rows[name].type))
     right |= {
-        "options": is_one_of("options", objects),
-        "status": is_one_of("status", get_args(Status)),
-        "better": is_one_of("better", ("higher", "lower", "none")),
         "time": compute.match_substring_regex(rows["time"], r"^\d{4}-\d\d-\d\d"),
         "n_pixels": compute.greater_equal(rows["n_pixels"], 0),
     }
@@ -218,9 +218,8 @@ def _newest(rows: DataFrame) -> DataFrame:
     when = pd.Series(pd.factorize(rows["time"], sort=True)[0], rows.index)
     order = when.argsort(kind="stable")
     rows, when = rows.iloc[order], when.iloc[order]
-    codes = {text: RowCode.read(text).restoration for text in rows["code"].unique()}
     tried = (
-        rows.assign(code=rows["code"].map(codes))
+        rows.assign(code=code_parts(rows["code"])["restoration"])
         .groupby(["options_id", "data_id", "code"], sort=False)
         .ngroup()
     )

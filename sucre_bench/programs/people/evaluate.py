@@ -16,8 +16,7 @@ from sucre_bench.machine.files import read_json, reading, regular
 from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design, statistics
 from sucre_bench.programs.people.design import Key, Shown
-from sucre_bench.results.row_code import RowCode
-from sucre_bench.results.rows import COSTS, PREFERENCE, restorations, row_objects
+from sucre_bench.results.rows import COSTS, PREFERENCE, RowCode, restorations, row_objects
 
 _VERSION = 1
 _FORMAT = ("sucre_bench votes", 1)

@@ -25,8 +25,7 @@ from sucre_bench.machine import processes
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of, seed_of, typed
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.row_code import RowCode
-from sucre_bench.results.rows import Row
+from sucre_bench.results.rows import Row, RowCode
 from sucre_bench.scene import Restoration, Scene, Score, View
 
 Key = tuple[str, str, str]  # metric, variant, region

@@ -37,8 +37,7 @@ from sucre_bench.results.common_scores import (
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import mask_in, masked
-from sucre_bench.results.row_code import RowCode
-from sucre_bench.results.rows import COMMON, COSTS, KEYS, RESTORATION, tuples
+from sucre_bench.results.rows import COMMON, COSTS, KEYS, RESTORATION, RowCode, tuples
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 

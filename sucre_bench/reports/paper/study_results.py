@@ -31,8 +31,7 @@ from sucre_bench.compare import (
     only,
     statistics,
 )
-from sucre_bench.compare.choose_rows import asked_for
-from sucre_bench.compare.compare_rows import without_replicates
+from sucre_bench.compare.choose_rows import asked_for, without_replicates
 from sucre_bench.compare.documents import Level
 from sucre_bench.degrade.options import VIEWS, Degradation, read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
