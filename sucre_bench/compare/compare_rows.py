@@ -19,7 +19,7 @@ from sucre_bench.compare.choose_rows import (
     metrics_of_faults,
     without_replicates,
 )
-from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
+from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note
 from sucre_bench.compare.notes import (
     REPETITION,
     About,
@@ -106,11 +106,7 @@ def compare(
                 dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
             )
             noted = [Note("older data", only_older)] if only_older else []
-            scored = {
-                name
-                for one in table.columns
-                for name in (one.metric, f"{one.metric}:{one.variant}")
-            }
+            scored = {name for one in table.columns for name in (one.metric, one.key)}
             noted += (
                 Note("no score", (name,)) for name in metrics if scored and name not in scored
             )
@@ -144,9 +140,9 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
     """
     places: dict[Column, int] = {}
     for column in comparison.columns:
-        names = (column.metric, f"{column.metric}:{column.variant}")
+        names = (column.metric, column.key)
         found = [n for n, metric in enumerate(metrics) if metric in names]
-        if says_filled(column.metric, column.variant):
+        if column.is_share_filled:
             places[column] = -1
         elif found or not metrics:
             places[column] = found[0] if found else 0
@@ -315,7 +311,7 @@ def _place(column: Column) -> tuple[bool, bool, bool, bool]:
     """The share that methods fill comes first; what describes, costs and taste come last; else as they were run."""
     is_cost = column.metric in COSTS
     return (
-        not says_filled(column.metric, column.variant),
+        not column.is_share_filled,
         column.knows == "taste",
         column.better == "none",
         is_cost,

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Comparison
-from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
 from sucre_bench.compare.words import (
+    Shown,
     answer,
     deciding,
     faults,
@@ -49,15 +49,15 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
         import pandas as pd
 
         return csv_text(pd.DataFrame(records), for_spreadsheets=True)
-    one = _WRITERS[how]
-    return "\n".join(
-        one(
-            comparison.title if len(comparisons) > 1 else "",
-            _grid(comparison, spread),
-            _below(comparison, spread),
-        )
-        for comparison in notes_once(comparisons)
-    )
+    made = []
+    for one in notes_once(comparisons):
+        heads = [f"{title(column)} ({column.variant})" for column in one.columns]
+        cells = [
+            [shown(one, name, column, spread) for column in one.columns] for name in one.methods
+        ]
+        head = one.title if len(comparisons) > 1 else ""
+        made.append(_WRITERS[how](head, _grid(heads, one.methods, cells), _below(one, spread)))
+    return "\n".join(made)
 
 
 def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "latex"]) -> str:
@@ -76,11 +76,7 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
                 ]
                 for name in levels[0].lines
             ]
-            grid = [[("method", ""), *((level.name, "") for level in levels)]]
-            grid += [
-                [(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in line)]
-                for name, line in zip(levels[0].lines, cells, strict=True)
-            ]
+            grid = _grid([level.name for level in levels], [*levels[0].lines], cells)
             marks = signs(comparisons[0], [cell for line in cells for cell in line], colours=False)
             has_interval = any(cell.interval for line in cells for cell in line)
             of = "mean [95 % interval]" if has_interval else "mean"
@@ -110,11 +106,7 @@ def without_costs(comparison: Comparison) -> Comparison:
 
 def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
     """A record a cell. filled: the share of the image that the method fills; NaN if that is in no column."""
-    filled = {
-        n: cell.mean
-        for (n, c), cell in comparison.cells.items()
-        if says_filled(c.metric, c.variant)
-    }
+    filled = {n: cell.mean for (n, c), cell in comparison.cells.items() if c.is_share_filled}
     for name in comparison.methods:
         for c in comparison.columns:
             cell = comparison.cells.get((name, c))
@@ -140,17 +132,11 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
 _LOOKS = {"best": "best", "better": "best", "second": "second"}
 
 
-def _grid(comparison: Comparison, spread: bool) -> _Grid:
+def _grid(heads: Sequence[str], methods: Sequence[str], cells: Sequence[Sequence[Shown]]) -> _Grid:
     """The texts of a table and what sets each apart: a line with the headings, then a line a method."""
-    lines = [
-        [
-            ("method", ""),
-            *((f"{title(column)} ({column.variant})", "") for column in comparison.columns),
-        ]
-    ]
-    for name in comparison.methods:
-        cells = [shown(comparison, name, column, spread) for column in comparison.columns]
-        lines.append([(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in cells)])
+    lines = [[("method", ""), *((head, "") for head in heads)]]
+    for name, line in zip(methods, cells, strict=True):
+        lines.append([(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in line)])
     return lines
 
 

@@ -81,6 +81,16 @@ class Column:
         return plugins.get("metric", self.metric)
 
     @property
+    def key(self) -> str:
+        """Its name in options and on the page."""
+        return f"{self.metric}:{self.variant}"
+
+    @property
+    def is_share_filled(self) -> bool:
+        """Whether it is the share of the image that a method fills."""
+        return says_filled(self.metric, self.variant)
+
+    @property
     def directed(self) -> bool:
         """Whether it is a score with a better and a worse, neither a cost nor a number that only describes."""
         return self.better != "none" and self.metric not in COSTS

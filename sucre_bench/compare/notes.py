@@ -111,17 +111,18 @@ def notes(
         yield from _repeats_lost(rows, repetitions)
 
 
+@dataclass(frozen=True)
 class _Why:
-    """Why there is no restoration, or no score."""
+    """Why there is no restoration, or no score. Fields as for `notes`."""
 
-    def __init__(self, rows: DataFrame, stale: Collection[Restored]) -> None:
-        self._rows, self._stale = rows, stale
+    rows: DataFrame
+    stale: Collection[Restored]
 
     @cached_property
     def _known(self) -> dict[tuple[str, str, str, _View], str]:
         """By method, metric, variant and view; made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
-        lost = self._rows[self._rows["status"] != "ok"]
+        lost = self.rows[self.rows["status"] != "ok"]
         columns = ("status", "reason", "scene", "view", "method", "metric", "variant")
         for status, reason, scene, view, *score in values_of(lost, *columns):
             text = f"{status}: {without_view(str(reason), view)}".rstrip(": ")
@@ -131,7 +132,7 @@ class _Why:
     @cached_property
     def tried(self) -> set[Restored]:
         """The methods that tried a view, whatever became of it."""
-        restored = restoration_rows(self._rows)
+        restored = restoration_rows(self.rows)
         return {
             (method, (scene, view))
             for method, scene, view in values_of(restored, "method", "scene", "view")
@@ -145,7 +146,7 @@ class _Why:
                 return text
         if (method, view) in self.tried:
             return "not scored"
-        if (method, view) in self._stale:
+        if (method, view) in self.stale:
             return "of other data"
         return self._known.get((method, *whole, ("", "")), "not run")  # the job failed as a whole
 

@@ -136,21 +136,17 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
 
     every: all columns, not only those that decide; of many datasets a table a column.
     """
-    by_first: dict[tuple[str, str], list[tuple[Comparison, Deciding]]] = {}
+    by_first: dict[str, list[tuple[Comparison, Deciding]]] = {}
     for comparison in words.notes_once(comparisons):
         chosen = deciding(comparison, every)
         first = chosen.main or next((one for one in chosen.scores if one.directed), None)
-        key = (first.metric, first.variant) if first else ("", "")
-        by_first.setdefault(key, []).append((comparison, chosen))
+        by_first.setdefault(first.key if first else "", []).append((comparison, chosen))
     made: list[Group] = []
     for main, group in by_first.items():
-        if main[0] and len(group) > _MOST_BLOCKS:
+        if main and len(group) > _MOST_BLOCKS:
             of_many = [one for one, _ in group]
-            columns = [(column.metric, column.variant) for one in of_many for column in one.columns]
-            made += [
-                _overview(of_many, *column, width)
-                for column in (dict.fromkeys(columns) if every else [main])
-            ]
+            keys = dict.fromkeys(column.key for one in of_many for column in one.columns)
+            made += [_overview(of_many, key, width) for key in (keys if every else [main])]
         else:
             made += [_block(*one, width, every) for one in group]
     if same := words.unchanged(comparisons):
@@ -204,14 +200,9 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
     return _joined(_head(block, chosen), tables, dim, said, width)
 
 
-def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, width: int) -> Group:
-    """One score of every dataset that has it: a line a method, a column a dataset."""
-    found = [(one, column) for one in comparisons for column in one.columns]
-    found = [
-        (one, column)
-        for one, column in found
-        if (column.metric, column.variant) == (metric, variant)
-    ]
+def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
+    """One score of every dataset that has it: a line a method, a column a dataset. key: of its column."""
+    found = [(one, column) for one in comparisons for column in one.columns if column.key == key]
     comparisons, mains = [one for one, _ in found], [column for _, column in found]
     blind = [one for one in comparisons if not deciding(one).knows_colours]
     places = defaultdict[str, list[int]](list)
@@ -252,7 +243,7 @@ def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, widt
                 f"in {some} of {len(titles)} tables methods fill different pixels; scores are {where}"
             )
     said = [text for one in blind[:1] for text in (one.blind, one.advice)]
-    head = f"{words.title(mains[0])} ({variant}) of {len(titles)} tables{': ' + prefix if prefix else ''}"
+    head = f"{words.title(mains[0])} ({mains[0].variant}) of {len(titles)} tables{': ' + prefix if prefix else ''}"
     return _joined(head, _tables(methods, laid_out, width, apart), dim, said, width)
 
 

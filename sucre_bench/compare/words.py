@@ -16,7 +16,6 @@ from sucre_bench.compare.model import (
     Note,
     Verdict,
     may_be_chance,
-    says_filled,
 )
 from sucre_bench.compare.statistics import undone_by
 from sucre_bench.machine.text_formats import counted
@@ -137,11 +136,7 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
 def over_views(columns: Sequence[Column]) -> list[str]:
     """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
     measured = [column for column in columns if column.n_units]
-    scores = [
-        column
-        for column in measured
-        if column.ranked and not says_filled(column.metric, column.variant)
-    ]
+    scores = [column for column in measured if column.ranked and not column.is_share_filled]
     alike: dict[str, list[str]] = {}
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
@@ -286,13 +281,12 @@ def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
         groups.setdefault(comparison.title.partition(",")[0], []).append(comparison)
     said = []
     for name, group in groups.items():
-        means: dict[str, list[dict[tuple[str, str], float]]] = {}
+        means: dict[str, list[dict[str, float]]] = {}
         for one in group:
-            scores: dict[str, dict[tuple[str, str], float]] = {}
+            scores: dict[str, dict[str, float]] = {}
             for (method, column), cell in one.cells.items():
                 if column.ranked and method in one.restorers:
-                    of_method = scores.setdefault(method, {})
-                    of_method[column.metric, column.variant] = cell.mean
+                    scores.setdefault(method, {})[column.key] = cell.mean
             for method, of_method in scores.items():
                 means.setdefault(method, []).append(of_method)
         n = len(group)
@@ -425,8 +419,7 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     a plugin under test, say.
     """
     scores = comparison.columns
-    filled = None
-    seconds = None
+    filled = seconds = None
     if not every:
         once: dict[
             str, Column
@@ -458,9 +451,7 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
             for c in once.values()
             if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS
         ]
-        filled = next(
-            (column for column in scores if says_filled(column.metric, column.variant)), None
-        )
+        filled = next((column for column in scores if column.is_share_filled), None)
         seconds = next((column for column in scores if column.metric == RESTORATION), None)
         chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
         scores = tuple(column for column in chosen if column != filled)

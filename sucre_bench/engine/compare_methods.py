@@ -137,7 +137,7 @@ class Compared:
                 f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}"
             )
         main = deciding(found).main if not metric and (found := self.comparison) else None
-        name, _, variant = (f"{main.metric}:{main.variant}" if main else metric).partition(":")
+        name, _, variant = (main.key if main else metric).partition(":")
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
         for label in labels or self.labels:
             if (shown.name, label) in self.pictures:

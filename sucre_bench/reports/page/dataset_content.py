@@ -30,7 +30,7 @@ from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.gallery import Gallery
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, chart_content, key_of
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, chart_content
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import FILES, read_record
 from sucre_bench.results.rows import RESTORATION, restoration_rows, tuples
@@ -56,7 +56,7 @@ def heading(column: Column) -> dict[str, Any]:
     describes = not column.directed and column.metric not in (*COSTS, FILLED)
     count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
     return {
-        "key": key_of(column),
+        "key": column.key,
         "head": " ".join(
             filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])
         ),
@@ -157,7 +157,7 @@ class Section:
                 verdict_text(self.table, verdict) for verdict in said if not verdict.is_sure
             ],
             "columns": [heading(column) for column in self._columns],
-            "main": key_of(self._main) if self._main else "",
+            "main": self._main.key if self._main else "",
             "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
             "note": ". ".join([legend(self.table, intervals=enough), *left_out(self.table)]),
@@ -229,11 +229,11 @@ class Section:
         methods = [(name, self._rerun(name)) for name in self.table.methods]
         return {
             "name": self.table.title,
-            "main": key_of(self._main) if self._main else "",
+            "main": self._main.key if self._main else "",
             "first": next(iter(best_first(self.table, self._main)), ""),
             "photographs": list(self.table.photographs),
             "columns": [
-                {"key": key_of(c)} | {name: getattr(c, name) for name in _OF_COLUMN}
+                {"key": c.key} | {name: getattr(c, name) for name in _OF_COLUMN}
                 for c in self._columns
             ],
             "methods": [

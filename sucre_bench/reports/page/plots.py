@@ -42,11 +42,6 @@ class Choice:
     table: Any = None
 
 
-def key_of(column: Column) -> str:
-    """The name of a score on the page."""
-    return f"{column.metric}:{column.variant}"
-
-
 def figure(
     traces: Sequence[Figure], x: Figure, y: Figure, height: int = _TALL, **layout: Any
 ) -> Figure:
@@ -313,7 +308,7 @@ def chart_content(
         }
         charts.append(Chart(names[scene, view], name, distance, whole, by_number))
     keys = {key for chart in charts for key in chart.whole}
-    measures = [c for c in columns if c.of == "chart" and c.directed and key_of(c) in keys]
+    measures = [c for c in columns if c.of == "chart" and c.directed and c.key in keys]
     near_first = sorted(
         (chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0
     )
@@ -329,13 +324,13 @@ def _swatches(
 ) -> list[Choice]:
     """A table for each chart and colour difference: each patch in every method's picture."""
     keys = {key for chart in charts for scores in chart.patches.values() for key in scores}
-    of_patches = [column for column in measures if key_of(column) in keys]
+    of_patches = [column for column in measures if column.key in keys]
     painted = [
         column for column in of_patches if roles().get(column.metric) == "colour-difference"
     ] or of_patches[:1]
     choices = []
     for column in painted:
-        key = key_of(column)
+        key = column.key
         for chart in (charts[k] for k in evenly(len(charts), _MOST_SWATCHES)):
             table = [
                 {
@@ -371,7 +366,7 @@ def _distances(
     charts: Sequence[Chart], near_first: Sequence[Chart], column: Column, methods: Mapping[str, int]
 ) -> Choice:
     """A score of charts over their distance, as plot and in numbers."""
-    key = key_of(column)
+    key = column.key
     lines = []
     for name, place in methods.items():
         known = [

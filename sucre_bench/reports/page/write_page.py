@@ -27,7 +27,7 @@ from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, key_of
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
 from sucre_bench.reports.paper import style
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import unscored, without_view
@@ -133,7 +133,7 @@ def _sweep(
     ]
     columns: dict[str, list[Column | None]] = {head["key"]: [] for head in heads}
     for table in tables:
-        by_key = {key_of(column): column for column in table.columns}
+        by_key = {column.key: column for column in table.columns}
         for key, of_tables in columns.items():
             of_tables.append(by_key.get(key))
     made = []

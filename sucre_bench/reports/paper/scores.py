@@ -200,10 +200,10 @@ def agreements(comparisons: Sequence[Comparison], truth: str) -> list[Agreement]
     """Return the agreement of every score with a metric, best first. truth: "name" or "name:variant"."""
     by_score: dict[str, list[float]] = {}
     for table in comparisons:
-        of_truth = [c for c in table.columns if truth in (c.metric, f"{c.metric}:{c.variant}")]
+        of_truth = [c for c in table.columns if truth in (c.metric, c.key)]
         for column in table.columns if of_truth else ():
             if column.directed and column != of_truth[0] and column.metric not in COSTS:
-                found = by_score.setdefault(f"{column.metric}:{column.variant}", [])
+                found = by_score.setdefault(column.key, [])
                 found += _of_scenes(table, column, of_truth[0])
     rng = np.random.default_rng(0)
     made = []
