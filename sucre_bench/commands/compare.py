@@ -106,10 +106,10 @@ def compare(
             "--fail-below: needs --baseline METHOD, which the others are compared with"
         )
     with progress.live() if len(folders) > 1 else contextlib.nullcontext():
-        rows = compare.load(folders)
+        rows, common_rows = compare.load(folders)
         compare.refuse(rows, metrics, common)
         if pixels == "common":
-            rows = compare.on_pixels(rows, lambda: _common(folders, rows))
+            rows = compare.on_pixels(rows, lambda: _common(folders, rows, common_rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
@@ -157,11 +157,8 @@ def _print_in_full(
         terminal.out.print(as_table(shown, terminal.out.width, spread, intervals))
 
 
-def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
+def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     """The scores on common pixels: those in the folders, and of methods in several folders those made now."""
-    from sucre_bench.results.common_scores import read_common
-
-    known = read_common(*folders)
     if len(folders) < 2:
         return known
     import pandas as pd

@@ -22,12 +22,13 @@ def report(folder: Path) -> None:
 
     The page has tables, plots and pictures. It opens from disk, without a network.
     """
-    from sucre_bench import compare, results
+    from sucre_bench import compare
     from sucre_bench.reports import page
-    from sucre_bench.results.table import read_common
+    from sucre_bench.results.table import read_both
 
     check_links(folder)
-    rows = compare.on_pixels(results.read(folder), lambda: read_common(folder))
+    rows, common = read_both(folder)
+    rows = compare.on_pixels(rows, lambda: common)
     click.echo(page.write(folder, rows, compare.compare(rows)))
 
 

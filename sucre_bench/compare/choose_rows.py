@@ -8,7 +8,6 @@ ones.
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -38,28 +37,33 @@ from sucre_bench.results.rows import (
     restorations,
     values_of,
 )
-from sucre_bench.results.table import is_bundle, is_fresh
+from sucre_bench.results.table import is_bundle, is_fresh, read_both
 
 _NAMED = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
 _SAME = 1e-6  # relative difference of one score on two machines
 
 
-def load(folders: Iterable[str | Path]) -> DataFrame:
+def load(folders: Iterable[str | Path]) -> tuple[DataFrame, DataFrame]:
     """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
 
+    Returns the scores on own pixels, and those on common pixels, see `on_pixels`.
     Says with `progress.say` where folders have different values. A folder may be a bundle (.zip), too.
     Raises InputError when a folder has none, when folders mean different options or code by one method, or hold results
     on different data.
     """
     import pandas as pd
 
-    tables = []
+    tables, on_common = [], []
     for folder in map(Path, folders):
-        with open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle:
-            # `verify` checks what it says
-            rows = results.read(folder) if bundle is None else bundle.rows
-            tables.append(rows.assign(_folder=str(folder)))
+        if is_bundle(folder):
+            with open_bundle(folder) as bundle:
+                rows, common = bundle.rows, bundle.common  # `verify` checks what it says
+        else:
+            rows, common = read_both(folder)
+        tables.append(rows.assign(_folder=str(folder)))
+        on_common.append(common)
     rows = pd.concat(tables, ignore_index=True)
+    common = pd.concat([one for one in on_common if len(one)] or on_common, ignore_index=True)
     if len(tables) > 1:
         coded = rows.assign(_code=code_parts(rows["code"])["method"])
         of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
@@ -78,11 +82,8 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
                 raise InputError(f"{names}: {fault}; run it again, or give it another label")
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    return (
-        rows.drop_duplicates(_NAMED, keep="last")
-        .drop(columns=["_ok", "_folder"])
-        .sort_index(ignore_index=True)
-    )
+    rows = rows.drop_duplicates(_NAMED, keep="last").drop(columns=["_ok", "_folder"])
+    return rows.sort_index(ignore_index=True), common
 
 
 def _say_differing(rows: DataFrame) -> None:

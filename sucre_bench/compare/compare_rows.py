@@ -60,9 +60,8 @@ def compare(
     method to compare the others with, instead of with the best.
     Raises InputError for a metric or a baseline that the rows do not have.
     """
-    asked = asked_for(rows, metrics)
-    fresh = is_fresh(rows)
-    known = {dataset: about(each, fresh) for dataset, each in rows.groupby("dataset")}
+    rows = rows.assign(_asked=asked_for(rows, metrics), _fresh=is_fresh(rows))
+    known = {dataset: about(each) for dataset, each in rows.groupby("dataset")}
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -70,10 +69,10 @@ def compare(
         raise InputError(
             f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}"
         )
-    fresh = fresh[rows.index]
-    older = dict.fromkeys(values_of(rows[~fresh], "dataset", "method", "scene", "view"))
-    newer = set(values_of(rows[fresh], "dataset", "method"))
-    rows = without_replicates(rows.assign(_asked=asked)[fresh]).drop(columns=["data_id", "time"])
+    older = dict.fromkeys(values_of(rows[~rows["_fresh"]], "dataset", "method", "scene", "view"))
+    rows = rows[rows["_fresh"]].drop(columns=["data_id", "time", "_fresh"])
+    newer = set(values_of(rows, "dataset", "method"))
+    rows = without_replicates(rows)
     if "pixels" not in rows:
         rows = rows.assign(**OWN_PIXELS)
     is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(
@@ -203,7 +202,16 @@ def _table(
             column = replace(column, worth=worth)
             measured[column] = scores
         made[column], repetitions[column] = values, repeated
-    columns = sorted(made, key=_place)
+    # The share that methods fill comes first; what describes, costs and taste come last; else as they were run.
+    columns = sorted(
+        made,
+        key=lambda column: (
+            not column.is_share_filled,
+            column.knows == "taste",
+            column.better == "none",
+            column.metric in COSTS,
+        ),
+    )
     noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
     noted += notes(rows, made, repetitions, methods, stale)
     if baseline and baseline not in methods:
@@ -305,17 +313,6 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         knows=knows,
     )
     return column, repeated, values
-
-
-def _place(column: Column) -> tuple[bool, bool, bool, bool]:
-    """The share that methods fill comes first; what describes, costs and taste come last; else as they were run."""
-    is_cost = column.metric in COSTS
-    return (
-        not column.is_share_filled,
-        column.knows == "taste",
-        column.better == "none",
-        is_cost,
-    )
 
 
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import DataFrame, Series
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_rows import (
     metrics_of_faults,
     mixed_codes,
@@ -35,8 +35,8 @@ class About:
     is_track: bool
 
 
-def about(rows: DataFrame, fresh: Series) -> About:
-    """Return what is known of the methods of a dataset beside their scores. fresh: which rows are of new data."""
+def about(rows: DataFrame) -> About:
+    """Return what is known of the methods of a dataset beside their scores. rows: with `_fresh`, see `is_fresh`."""
     options = options_of(rows)
     methods = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
     data = [
@@ -51,7 +51,7 @@ def about(rows: DataFrame, fresh: Series) -> About:
         if text.startswith("by this project"):  # no published method
             names = tuple(name for name in cites if cites[name] == text)
             notes.append(Note("by us", names, reasons=text))
-    for name, why in mixed_codes(rows[fresh[rows.index]]):
+    for name, why in mixed_codes(rows[rows["_fresh"]]):
         notes.append(Note("mixed codes", (name,), reasons=why))
     return About(
         tuple(notes),

@@ -128,7 +128,7 @@ def as_table(
     )
     said = words.framed(comparison, chosen, said)
     tables = _tables(comparison.methods, laid_out, width)
-    return _joined(_head(comparison, chosen), tables, dim, said, width)
+    return _joined(comparison.title, tables, dim, said, width, chosen.main)
 
 
 def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[Group]:
@@ -149,9 +149,8 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
             made += [_overview(of_many, key, width) for key in (keys if every else [main])]
         else:
             made += [_block(*one, width, every) for one in group]
-    if same := words.unchanged(comparisons):
-        made.append(_joined("", [], (), same, width))
-    return made
+    same = words.unchanged(comparisons) if len(comparisons) > 1 else ()
+    return [*made, _joined("", [], (), same, width)] if same else made
 
 
 def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) -> Group:
@@ -197,7 +196,7 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
     dim = [_signs(block, laid_out, over), words.resolution(block), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
     said = answer(block, deciding(comparison) if every else chosen)
-    return _joined(_head(block, chosen), tables, dim, said, width)
+    return _joined(block.title, tables, dim, said, width, chosen.main)
 
 
 def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
@@ -260,12 +259,6 @@ def _laid(
     return _Laid(*head, cells, column.knows == "taste")
 
 
-def _head(comparison: Comparison, chosen: Deciding) -> str:
-    return (
-        f"{comparison.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
-    )
-
-
 def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str]) -> str:
     """What the numbers and signs of a block mean. over: how many views."""
     cells = [cell for column in laid_out for cell in column.cells]
@@ -274,12 +267,18 @@ def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str
 
 
 def _joined(
-    head: str, tables: Sequence[Table], dim: Sequence[str], said: Sequence[str], width: int
+    head: str,
+    tables: Sequence[Table],
+    dim: Sequence[str],
+    said: Sequence[str],
+    width: int,
+    main: Column | None = None,
 ) -> Group:
-    """All in one. Lines are broken between words."""
+    """All in one. Lines are broken between words. main: the score that sorts the methods."""
     from rich.console import Group
     from rich.text import Text
 
+    head = f"{head}, best {main.metric} first" if main else head
     width = max(width, 20)  # a serial console says that it has no columns
     wrapper = textwrap.TextWrapper(
         width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.engine.score import needs_unrounded, scorers
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
@@ -20,7 +20,7 @@ from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import hash_of, write_bundle
 from sucre_bench.results.rows import COSTS, restorations
-from sucre_bench.results.table import read_common
+from sucre_bench.results.table import read_both
 from sucre_bench.scene import Arrays, Restoration, View
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
@@ -65,7 +65,7 @@ def bundle_results(
     """
     import pandas as pd
 
-    rows = results.read(folder)
+    rows, common = read_both(folder)
     found: dict[str, bytes | Path] = {
         name: folder / name for name in _TEXTS if is_file(folder / name)
     }
@@ -101,7 +101,7 @@ def bundle_results(
     }
     n_inside = len(files.keys() - set(_TEXTS))
     files |= {name: text.encode() for name, text in (texts or {}).items()}
-    every = pd.concat([rows, read_common(folder)])
+    every = pd.concat([rows, common])
     made = write_bundle(path, every, files, outside, by, version_of("sucre-bench") or "")
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
     counts = (

@@ -13,16 +13,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.results import table
-from sucre_bench.results.bundle_format import open_bundle
-from sucre_bench.results.rows import frame, restorations
+from sucre_bench.results.rows import restorations
 
 # The metric of the row that stands for a view.
 COMMON_PIXELS = "common_pixels"
@@ -107,20 +104,3 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
         content = str(common.shape).encode() + np.packbits(common).tobytes()
         hash_of_mask = hashlib.blake2b(content, digest_size=8).hexdigest()
     return CommonPixels(common, share, kind, hash_of_mask)
-
-
-def read_common(*folders: Path) -> DataFrame:
-    """Return the rows about common pixels in results folders and bundles; no rows if none were needed.
-
-    Raises FileError if a table cannot be read, DamagedFileError if its content is none.
-    """
-    import pandas as pd
-
-    tables = [frame([])]
-    for folder in folders:
-        if table.is_bundle(folder):
-            with open_bundle(folder) as bundle:
-                tables.append(bundle.common)
-        else:
-            tables.append(table.read_common(folder))
-    return pd.concat([one for one in tables if len(one)] or tables, ignore_index=True)

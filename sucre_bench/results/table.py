@@ -68,12 +68,17 @@ def read(out: str | Path, **labels: str) -> DataFrame:
     Raises MissingFileError if there are none, DamagedFileError if a file is damaged, ForbiddenFileError if this user
     may not read one.
     """
+    return read_both(out, **labels)[0]
+
+
+def read_both(out: str | Path, **labels: str) -> tuple[DataFrame, DataFrame]:
+    """Return in one pass what `read` and `read_common` return. Raises what `read` does."""
     files, rows = _files(Path(out), labels)
     if not files:
         raise MissingFileError(
             f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote"
         )
-    return _newest(rows[~is_of_common_pixels(rows)])
+    return _newest(rows)
 
 
 def read_common(out: Path) -> DataFrame:
@@ -81,8 +86,7 @@ def read_common(out: Path) -> DataFrame:
 
     Raises DamagedFileError if a file is damaged, ForbiddenFileError if this user may not read one.
     """
-    rows = _files(out, {})[1]
-    return _newest_common(rows[is_of_common_pixels(rows)])
+    return _newest(_files(out, {})[1])[1]
 
 
 def read_part(path: Path) -> DataFrame:
@@ -207,7 +211,15 @@ def _damaged(path: Path, fault: str) -> DamagedFileError:
     )
 
 
-def _newest(rows: DataFrame) -> DataFrame:
+def _newest(rows: DataFrame) -> tuple[DataFrame, DataFrame]:
+    """Return the newest of each score on own pixels, and of each score on common pixels."""
+    is_common = is_of_common_pixels(rows)
+    common = rows[is_common].sort_values("time", kind="stable")
+    newest = common.drop_duplicates([*KEYS, "metric", "variant"], keep="last", ignore_index=True)
+    return _newest_own(rows[~is_common]), newest
+
+
+def _newest_own(rows: DataFrame) -> DataFrame:
     """Keep the newest of each score, and of each restoration only what belongs to its newest try.
 
     Scores of other options, data or code are not mixed, and a try that failed leaves no older scores standing.
@@ -235,13 +247,6 @@ def _newest(rows: DataFrame) -> DataFrame:
     rows = rows.drop_duplicates([*score, "region"]).sort_index()
     return rows.sort_values(
         ["dataset", "method", "scene", "view"], kind="stable", ignore_index=True
-    )
-
-
-def _newest_common(rows: DataFrame) -> DataFrame:
-    """Keep the newest row of each score on common pixels."""
-    return rows.sort_values("time", kind="stable").drop_duplicates(
-        [*KEYS, "metric", "variant"], keep="last"
     )
 
 
@@ -348,11 +353,10 @@ def merge(out: Path) -> DataFrame:
         return frame([])
     with _locked(out):
         files, rows = _files(out, {})
-        is_common = is_of_common_pixels(rows)
-        own = _newest(rows[~is_common])
+        own, common = _newest(rows)
         parts = [path for path in files if path != out / TABLE]
         if parts:
-            every = pd.concat([own, _newest_common(rows[is_common])]) if is_common.any() else own
+            every = pd.concat([own, common]) if len(common) else own
             _write(out / TABLE, pyarrow.Table.from_pandas(every, preserve_index=False))
             for part in parts:
                 part.unlink(missing_ok=True)

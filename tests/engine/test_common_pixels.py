@@ -14,8 +14,8 @@ from support.toy_plugins import Toy
 
 from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
-from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.restorations import read_mask
+from sucre_bench.results.table import read_common
 
 
 def run(out: Path, *overrides: str) -> Outcome:
