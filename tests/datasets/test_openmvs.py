@@ -186,3 +186,8 @@ def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
             read_dmap_depth(path)
     path.write_bytes(whole[:needed])
     assert read_dmap_depth(path).shape == (HEIGHT, WIDTH)
+
+
+def test_a_pattern_of_depth_maps_outside_of_root_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"openmvs\.dmaps"):
+        load(tmp_path, dmaps="../*.dmap")

@@ -78,8 +78,6 @@ def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
     assert view.distance[19, 29] == pytest.approx(
         far * np.sqrt(1 + (14.5 / 25) ** 2 + (9.5 / 25) ** 2)
     )
-    with pytest.raises(InputError, match=r"seathru\.focal_px"):
-        Seathru(tmp_path, focal_px=-1)
 
 
 def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None:

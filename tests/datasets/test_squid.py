@@ -135,8 +135,6 @@ def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
     assert view.camera.K.tolist() == [[25, 0, 10], [0, 25, 7.5], [0, 0, 1]]
     assert view.rgb.shape == (15, 20, 3)
     assert view.depth.shape == (15, 20)
-    with pytest.raises(InputError, match=r"squid\.image_scale"):
-        Squid(tmp_path, image_scale=0)
 
 
 def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> None:

@@ -72,6 +72,11 @@ CASES: dict[str, tuple[str, str, str]] = {
         "dive/images",
         "photographs",
     ),
+    "pictures among the photographs": (
+        "restore dive/images dive/images/restored",
+        "dive/images/restored",
+        "photographs",
+    ),
     "pictures over an album": ("restore dive/images album", "album", "other files"),
     "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
     "pictures where a link leads": (

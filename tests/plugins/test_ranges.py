@@ -199,14 +199,22 @@ def test_the_greatest_transmission_is_no_less_than_the_least(name: str) -> None:
         METHODS[name].cls(least=0.5, greatest=0.4)
 
 
-@pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, float("nan")])
-def test_no_dataset_takes_an_image_scale_outside_of_0_to_1(tmp_path: Path, scale: float) -> None:
-    scaled = [
-        p
-        for p in discover("dataset").values()
-        if isinstance(p, Plugin) and hasattr(p.cls, "image_scale")
+@pytest.mark.parametrize("value", [-1, float("nan"), float("-inf"), "2"])
+def test_no_number_of_a_dataset_may_be_nonsense(tmp_path: Path, value: object) -> None:
+    numbers = [
+        (plugin, option.name)
+        for plugin in discover("dataset").values()
+        if isinstance(plugin, Plugin)
+        for option in options_of(plugin.cls)
+        if {int, float} & {option.type, *get_args(option.type)}
     ]
-    assert len(scaled) > 10
-    for plugin in scaled:
-        with pytest.raises(InputError, match=rf"{plugin.name}\.image_scale: {scale}; .*\(0, 1\]"):
-            plugin.cls(root=tmp_path, image_scale=scale)
+    assert len(numbers) > 20
+    for plugin, name in numbers:
+        with pytest.raises(InputError, match=rf"^{plugin.name}\.{name}: .*; "):
+            plugin.cls(root=tmp_path, **{name: value})
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.5])
+def test_images_are_scaled_down_and_not_to_nothing(tmp_path: Path, scale: float) -> None:
+    with pytest.raises(InputError, match=rf"^colmap\.image_scale: {scale}; .*\(0, 1\]"):
+        find("dataset", "colmap").cls(root=tmp_path, image_scale=scale)
