@@ -49,7 +49,7 @@ class PairSweeper(Sweeper):
         from sucre_bench.engine.run_config import run_as_job
         from sucre_bench.jobs import asked, compose_jobs
 
-        command = compose_jobs.sweep(asked.read(arguments, True, self.config))
+        command = compose_jobs.command_of(asked.read(arguments, True, self.config))
         if isinstance(self.launcher, WorkersLauncher):
             return run_as_job(command, self.context, self.watch)[0]
         return run(command, self.watch, self._launch)

@@ -204,7 +204,7 @@ def _show(
     with reading_experiment(words) as words:
         asked = read(words, multirun)
         is_sweep = asked.config is not None
-        command = compose_jobs.sweep(asked) if is_sweep else compose_jobs.single(asked)
+        command = compose_jobs.command_of(asked)
         lines = compose_jobs.lines_of(asked)
         if info:
             app.show_info(kind, config_name=configs.config_name(), overrides=lines)

@@ -17,7 +17,7 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.training_pictures import seen_in_training
 from sucre_bench.errors import escaped_breaks
-from sucre_bench.jobs.configs import listed_names
+from sucre_bench.jobs import configs
 from sucre_bench.machine import terminal
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.results import with_remedy
@@ -136,7 +136,7 @@ def _named_metrics(job: Job) -> Sequence[str]:
     """The metrics that the command or its study names; none if the command takes those of every run."""
     if job.study is not None and job.study.metrics:
         return job.study.metrics
-    usual = {name.partition(":")[0] for name in listed_names("metrics/default")} - {"_self_"}
+    usual = {name.partition(":")[0] for name in configs.defaults("metrics/default")} - {"_self_"}
     if usual <= {metric.plugin.name for metric in job.metrics}:
         return ()
     return [

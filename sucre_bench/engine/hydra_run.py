@@ -36,13 +36,13 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
     with reading_experiment(words) as words:
         asked = read(words, multirun)
         if asked.config is None:
-            return _run_single(compose_jobs.single(asked), watch)
+            return _run_single(compose_jobs.command_of(asked), watch)
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
         lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
         swept = [*words]
         if not is_ours:  # what all jobs share is not among what tells them apart
-            parsed = zip(lines, parse(lines, configs.hydra_app().config_loader), strict=True)
+            parsed = zip(lines, parse(lines, configs.loader()), strict=True)
             swept = [line for line, word in parsed if word.is_swept]
             shared = [line for line in lines if line not in swept]
             keys = [line.lstrip("+").partition("=")[0] for line in shared]
@@ -97,9 +97,7 @@ def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
     from hydra.types import HydraContext
 
     callbacks = Callbacks(config)
-    return HydraContext(
-        config_loader=configs.hydra_app().config_loader, callbacks=callbacks
-    ), callbacks
+    return HydraContext(config_loader=configs.loader(), callbacks=callbacks), callbacks
 
 
 def _run_single(command: Command, watch: Watch | None) -> Outcome:

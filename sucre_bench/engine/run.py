@@ -232,8 +232,8 @@ def _remove_shared(command: Command) -> None:
     job = command.jobs[0]
     if not job.cache_keep:
         shutil.rmtree(decoded_path(job.out), ignore_errors=True)
-    if command.shared_pairs:
-        shutil.rmtree(pairs_path(job.out) / command.shared_pairs, ignore_errors=True)
+    if job.shared_pairs:
+        shutil.rmtree(pairs_path(job.out) / job.shared_pairs, ignore_errors=True)
         with suppress(OSError):  # another command shares there
             pairs_path(job.out).rmdir()
 

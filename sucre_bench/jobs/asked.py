@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 Kind = Literal["dataset", "method"]
 KINDS: tuple[Kind, ...] = ("dataset", "method")
 FILE = "file"  # the name by which Hydra knows an experiment that is given by path
-_SWEEPER = "hydra.sweeper.params."  # before words that Hydra sweeps over
 
 
 @dataclass(frozen=True)
@@ -52,20 +51,15 @@ class Asked:
 
     def sweeper(self, key: str) -> Any:
         """Return a list or mapping of the sweeper, `hydra.sweeper.methods` say."""
-        return (
-            configs.selected(self.config, f"hydra.sweeper.{key}")
-            if self.config is not None
-            else None
-        ) or ()
+        if self.config is None:
+            return ()
+        return configs.selected(self.config, f"hydra.sweeper.{key}") or ()
 
     def choice(self, group: str) -> str:
         """Return what Hydra chooses of a group where no word does."""
-        chosen = (
-            self.config.hydra.runtime.choices
-            if self.config is not None
-            else configs.default_choices()
-        )
-        return str(chosen[group])
+        if self.config is None:
+            return configs.defaults()[group]
+        return str(self.config.hydra.runtime.choices[group])
 
 
 @contextlib.contextmanager
@@ -77,13 +71,8 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
         f"{key}='{expanded(value)}'" if value.startswith("~/") else word
         for word, key, value in parts
     ]
-    files = [
-        word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
-    ]
-    if len(files) > 1:
-        raise InputError("a second experiment", files[1], "run one at a time")
     with contextlib.ExitStack() as block:
-        for file in files:
+        for file in filter(_is_file, words):
             if fault := fault_of(expanded(file)):
                 raise InputError(
                     fault,
@@ -115,69 +104,44 @@ def _search_path(words: Sequence[str]) -> Iterator[str]:
 
 def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None) -> Asked:
     """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
-    files = [
-        word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
-    ]
-    overrides = [word for word in words if word not in files]
-    for word in overrides:
+    files = [word for word in words if _is_file(word)]
+    for word in words:
         if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:  # in quotes it is part of a name
             raise InputError(
                 f"{in_one_line(word)!r}: holds a line break; give each word in one line"
             )
-        if is_bare(word):
-            raise bare_word(word, overrides)
-    loader = configs.hydra_app().config_loader
-    parsed = parse(overrides, loader)
-    params = [word for word in parsed if f"{word.key}.".startswith(_SWEEPER)]
-    typed = parse((text for word in params for text in _swept(word)), loader)
-    typed += [word for word in parsed if word not in params]
-    _load([word for word in typed if word.key == "plugins"])
+        if is_bare(word) and word not in files:
+            raise bare_word(word, [word for word in words if word not in files])
+    lines = [f"experiment={FILE}" if word in files else word for word in words]
+    typed = parse(lines, configs.loader())
+    _load(value for word in typed if word.key == "plugins" for value in word.values)
     groups = [word for word in typed if _is_of_hydra(word)]
     for one in groups:
-        known = loader.get_group_options(one.key) if None in one.values else []
+        known = configs.loader().get_group_options(one.key) if None in one.values else []
         if known:
             raise InputError("is no choice", one.text, f"give one of {', '.join(known)}")
     experiments = [word for word in groups if word.key == "experiment"]
-    if len(experiments) + len(files) > 1:
-        raise InputError("beside another experiment", experiments[-1].text, "run one at a time")
     for one in experiments:
-        if len(one.values) > 1 or not isinstance(one.values[0], str):
-            raise InputError("one experiment at a time", one.text, "give experiment=NAME")
-    of_hydra = [
-        *(f"experiment={FILE}" for _ in files),
-        *(word.line for word in typed if word in groups),
-    ]
-    named = [*files, *(f"experiment={one.values[0]}" for one in experiments)]
-    experiment = named[0] if named else ""
-    is_sweep = multirun or bool(experiment) or any(word.key == "hydra.mode" for word in groups)
-    if is_sweep and config is None:
+        if len(experiments) > 1 or len(one.values) > 1 or not isinstance(one.values[0], str):
+            place = files[-1] if files else one.text
+            raise InputError("one experiment at a time", place, "give experiment=NAME, or a file")
+    experiment = files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
+    of_hydra, rest = tuple(word.line for word in groups), [w for w in typed if w not in groups]
+    has_mode = any(word.key == "hydra.mode" for word in groups)
+    if config is None and (multirun or experiment or has_mode):
         try:
-            config = configs.composed(
-                [*of_hydra, *_shared(word for word in typed if word not in groups)], is_sweep=True
-            )
+            config = configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
-        sweeper = config.hydra.sweeper
-        has_sweep = any(sweeper.get(key) for key in ("methods", "datasets", "params"))
-        is_one_job = config.hydra.mode is None and not multirun and not has_sweep
-        if is_one_job or (config.hydra.mode and config.hydra.mode.name == "RUN"):
-            config = None if not multirun else config
-    rest = tuple(word for word in typed if word not in groups)
+        mode, sweeper = config.hydra.mode, config.hydra.sweeper
+        is_listed = any(sweeper.get(key) for key in ("methods", "datasets", "params"))
+        if not (multirun or (mode.name == "MULTIRUN" if mode else is_listed)):
+            config = None
     if config is not None:
-        _load([Word.written("plugins", configs.selected(config, "plugins") or [])])
-    asked = Asked(tuple(words), rest, tuple(of_hydra), experiment, config)
+        _load(configs.selected(config, "plugins") or ())
+    asked = Asked(tuple(words), tuple(rest), of_hydra, experiment, config)
     _refuse(asked)
     return asked
-
-
-def _swept(word: Word) -> Iterator[str]:
-    """Yield what a word of `hydra.sweeper.params` sets, one key or a mapping of keys, as words of a command."""
-    name = word.key.removeprefix(_SWEEPER.rstrip(".")).lstrip(".")
-    given: Any = {name: ",".join(map(str, word.values))} if name else word.values[0]
-    if not isinstance(given, dict):
-        remedy = f'write {word.key}={{OPTION: "VALUE,VALUE"}}'
-        raise InputError("is no mapping", word.text, remedy)
-    yield from (f"{key}={text}" for key, text in given.items())
 
 
 def _shared(words: Iterable[Word]) -> Iterator[str]:
@@ -185,13 +149,9 @@ def _shared(words: Iterable[Word]) -> Iterator[str]:
     defaults = RunConfig.defaults()
     for word in words:
         is_option = word.key in defaults or isinstance(defaults.get(word.head), dict)
-        if (
-            is_option
-            and word.head not in (*KINDS, "metrics")
-            and not word.is_swept
-            and not word.is_deleted
-        ):
-            yield f"++{word.key}={word.line.partition('=')[2]}"
+        is_choice = word.head in (*KINDS, "metrics")
+        if is_option and not (is_choice or word.is_swept or word.is_deleted):
+            yield f"++{word.key}={word.value}"
 
 
 def _is_of_hydra(word: Word) -> bool:
@@ -199,13 +159,12 @@ def _is_of_hydra(word: Word) -> bool:
     if "/" in word.key or "@" in word.key or word.head == "hydra":
         return True
     is_ours = word.key in (*KINDS, "metrics") or "." in word.key
-    loader: Any = configs.hydra_app().config_loader
-    return not is_ours and bool(loader.repository.group_exists(word.key))
+    return not is_ours and bool(configs.loader().repository.group_exists(word.key))
 
 
-def _load(words: Sequence[Word]) -> None:
-    """Load plugin files, before their plugins can be chosen."""
-    for value in (value for word in words for value in word.values):
+def _load(values: Iterable[Any]) -> None:
+    """Load plugin files, named one by one or in lists, before their plugins can be chosen."""
+    for value in values:
         for file in value if isinstance(value, list) else [value]:
             plugins.load_file(str(file))
 
@@ -216,17 +175,11 @@ def _refuse(asked: Asked) -> None:
 
     An experiment may leave the dataset open or name several; where the data are needs a dataset in the words.
     """
-    typed, is_sweep = asked.typed, asked.config is not None
-    plugin, has_dataset = (
-        plugin_of("dataset", asked.choice("dataset")),
-        any(word.key == "dataset" for word in typed),
-    )
-    paths = (
-        {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))}
-        if plugin
-        else set()
-    )
-    for word in typed:
+    is_sweep, paths = asked.config is not None, set[str]()
+    if plugin := plugin_of("dataset", asked.choice("dataset")):
+        paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))}
+    has_dataset = any(word.key == "dataset" for word in asked.typed)
+    for word in asked.typed:
         key, value = word.key, word.text.partition("=")[2]
         quotes = f'"{key}={quoted(value)}"'
         if word.is_glob and not word.values:
@@ -264,6 +217,11 @@ def _refuse(asked: Asked) -> None:
 
 
 # -- words without a key ---------------------------------------------------------------------------------------
+
+
+def _is_file(word: str) -> bool:
+    """Whether a word is the path of an experiment."""
+    return is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
 
 
 def is_bare(word: str) -> bool:

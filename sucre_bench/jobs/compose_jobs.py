@@ -10,9 +10,11 @@ for it alone. A word for methods or datasets in general, `method.physical=true`,
 from __future__ import annotations
 
 import contextlib
+import copy
+import functools
 import itertools
+import operator
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -21,16 +23,9 @@ from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, 
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind, read, reading_experiment
 from sucre_bench.jobs.catalogue import SEED, plugin_of
-from sucre_bench.jobs.entries import (
-    Entry,
-    Option,
-    entries_of,
-    is_replaced,
-    listed_entries,
-    option_of,
-)
+from sucre_bench.jobs.entries import Entries, Entry
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.words import Word, first_line, literal, parse, quoted, value_of
+from sucre_bench.jobs.words import Word, first_line, literal, quoted, value_of
 from sucre_bench.results.layout import as_one_file
 from sucre_bench.results.rows import fingerprint
 
@@ -40,21 +35,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """What the words of a command ask for.
-
-    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, or an experiment; config:
-    what Hydra composes of the job, or of what the jobs of a sweep share; overrides: of each job, with which Hydra
-    composes it again; shared_pairs: the folder where its jobs share pairs, the same for the same words, empty if they
-    share none; keys: how the user typed keys that a plugin knows by another name.
-    """
+    """What the words of a command ask for."""
 
     jobs: tuple[Job, ...]
+
     words: tuple[str, ...]
+    """The overrides, with ~ expanded."""
+
     is_sweep: bool
+    """Whether it may have several jobs: by -m, or an experiment."""
+
     config: DictConfig
+    """What Hydra composes of the job, or of what the jobs of a sweep share."""
+
     overrides: tuple[tuple[str, ...], ...]
-    shared_pairs: str = ""
+    """Of each job, with which Hydra composes it again."""
+
     keys: Mapping[str, str] = field(default_factory=dict)
+    """How the user typed keys that a plugin knows by another name."""
 
     def as_typed(self, text: str) -> str:
         """Return a message with options named as the user typed them."""
@@ -70,39 +68,83 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     or a dataset's option without a dataset. Also for two jobs with one label, or an experiment that cannot be read.
     """
     with reading_experiment(words) as words:
-        asked = read(words, multirun)
-        return single(asked) if asked.config is None else sweep(asked)
+        return command_of(read(words, multirun))
 
 
-def single(asked: Asked) -> Command:
-    """Return the one job of a command without a sweep, whose configuration Hydra composes of all words."""
+def command_of(asked: Asked) -> Command:
+    """Return the jobs of a command: of a sweep every dataset with every method, and every combination of values.
+
+    Raises InputError at the word that is wrong, or at the experiment.
+    """
     keys: dict[str, str] = {}
     with _faults(asked, keys):
-        config = configs.composed(lines_of(asked, keys))
-        return Command((job_of(config),), asked.words, False, config, ((),), keys=keys)
+        entries = Entries(asked)
+        if asked.config is None:
+            config = configs.composed(_lines_of(asked, entries, keys))
+            return Command((job_of(config),), asked.words, False, config, ((),), keys)
+        words = [word for word in entries.params if not entries.is_replaced(word)]
+        words += asked.typed
+        made = list[tuple[Job, tuple[str, ...]]]()
+        starts: dict[tuple[str, ...], dict[str, Any]] = {}
+        with configs.current(asked.config):
+            for pair in itertools.product(*(entries.chosen[kind] for kind in KINDS)):
+                of_pair = dict(zip(KINDS, pair, strict=True))
+                settings = _settings(of_pair, words, entries, keys)
+                made += _of_pair(of_pair, settings, entries, asked, starts)
+    every = [job for job, _ in made]
+    _refuse_same_place(every)
+    overrides = tuple(lines for _, lines in made)
+    every = _sharing_pairs(every, asked)
+    return Command(tuple(every), asked.words, True, asked.config, overrides, keys)
 
 
-def lines_of(asked: Asked, keys: dict[str, str] | None = None) -> list[str]:
+def lines_of(asked: Asked) -> list[str]:
     """Return the words of a command as Hydra reads them: options of a method by its name are options of `method`.
 
-    keys: is told how the user typed them. Raises InputError for an unknown name or option.
+    Raises InputError for an unknown name or option.
     """
-    entries, lines = {kind: entries_of(kind, asked) for kind in KINDS}, [*asked.of_hydra]
-    for word in asked.typed:
-        option = option_of(word, entries, asked) if word.key not in KINDS else None
-        line = word.line
-        if option:
-            for owner in (option.kind, *(entry.name for entry in entries[option.kind])):
-                (keys if keys is not None else {})[f"{owner}.{option.name}"] = word.key
-            line = f"++{option.kind}.{option.name}={word.line.partition('=')[2]}"
-        elif word.key in KINDS and (word.is_glob or len(word.values) == 1):
-            chosen = entries["dataset" if word.key == "dataset" else "method"]
-            line = f"{word.key}={','.join(quoted(entry.name) for entry in chosen)}"
-            lines += [f"++{one.text}" for entry in chosen for one in entry.words(word.key)]
-        if word.is_deleted:
-            line = f"~{word.key}"
-        lines.append(line)
+    return _lines_of(asked, Entries(asked), {})
+
+
+def _lines_of(asked: Asked, entries: Entries, keys: dict[str, str]) -> list[str]:
+    lines = [*asked.of_hydra]
+    for kind in KINDS:
+        names = [quoted(entry.name) for entry in entries.chosen[kind]]
+        if any(word.key == kind for word in asked.typed):
+            lines.append(f"{kind}={','.join(names)}")
+    for key, word in _settings({}, asked.typed, entries, keys).items():
+        lines.append(f"~{key}" if word.is_deleted else word.line)
     return lines
+
+
+def _settings(
+    pair: Mapping[Kind, Entry], words: Sequence[Word], entries: Entries, keys: dict[str, str]
+) -> dict[str, Word]:
+    """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
+
+    pair: empty for all datasets and methods; keys: is told how the user typed them.
+    """
+    settings: dict[str, Word] = {}
+    for kind in KINDS:
+        of_kind = [pair[kind]] if pair else entries.chosen[kind]
+        if len(of_kind) == 1:
+            settings |= {word.key: word for word in of_kind[0].words(kind)}
+    for word in words:
+        key = word.key
+        if key in KINDS:
+            continue
+        option = entries.option_of(word)
+        if option:
+            if pair and not option.is_for(pair[option.kind]):
+                continue
+            key = f"{option.kind}.{option.name}"
+            for entry in [pair[option.kind]] if pair else entries.chosen[option.kind]:
+                plugin = plugin_of(option.kind, entry.name)
+                keys |= {key: word.key, f"{plugin.name if plugin else ''}.{option.name}": word.key}
+            word = replace(word, line=f"++{key}={word.value}")
+        settings.pop(key, None)
+        settings[key] = word
+    return settings
 
 
 def job_of(config: DictConfig, swept: Sequence[str] = ()) -> Job:
@@ -111,60 +153,7 @@ def job_of(config: DictConfig, swept: Sequence[str] = ()) -> Job:
     Raises InputError for an option that is unknown, and for a value that is not acceptable.
     """
     with configs.current(config) if "hydra" in config else contextlib.nullcontext():
-        job = Job.of(_plain(_filled(configs.plain(config))), swept)
-    return replace(job, method=replace(job.method, word="method"))
-
-
-def sweep(asked: Asked) -> Command:
-    """Return all jobs of a sweep: every dataset with every method, and every combination of the words' values.
-
-    Raises InputError at the word that is wrong, or at the experiment.
-    """
-    assert asked.config is not None
-    keys: dict[str, str] = {}  # how the user typed a key that a plugin knows by another name
-    of_all: dict[str, str] = {}
-    with _faults(asked, keys):
-        swept = asked.sweeper("params") or {}
-        if not isinstance(swept, Mapping):
-            raise InputError(
-                "is no mapping", "hydra.sweeper.params", 'write params: {OPTION: "VALUE,VALUE"}'
-            )
-        params = [word for key, text in swept.items() for word in parse([f"{key}={text}"])]
-        entries = {kind: entries_of(kind, asked, params) for kind in KINDS}
-        listed = {kind: listed_entries(kind, asked) for kind in KINDS}
-        replaced = {word.key for word in asked.typed}
-        words = [word for word in params if not is_replaced(word, replaced, entries, listed)]
-        options = [
-            (word, option_of(word, entries, asked))
-            for word in (*words, *asked.typed)
-            if word.key not in KINDS
-        ]
-        unlabelled = {
-            kind: Counter(one.name for one in entries[kind] if not one.label) for kind in KINDS
-        }
-        made, starts = list[tuple[Job, tuple[str, ...]]](), dict[tuple[str, ...], dict[str, Any]]()
-        with configs.current(asked.config):
-            for dataset, method in itertools.product(entries["dataset"], entries["method"]):
-                of_all |= keys
-                keys.clear()
-                made += _of_pair(
-                    {"dataset": dataset, "method": method}, options, unlabelled, keys, asked, starts
-                )
-    every = [job for job, _ in made]
-    _refuse_same_place(every)
-    pairing = [job for job in every if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    views = {
-        (job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing
-    }
-    # Jobs with methods of several views share pairs where they work on the same views.
-    shared_pairs = (
-        f"x{fingerprint({'command': [*asked.words]})[1]}" if len(views) < len(pairing) else ""
-    )
-    every = [replace(job, shared_pairs=shared_pairs) for job in every] if shared_pairs else every
-    overrides = tuple(lines for _, lines in made)
-    return Command(
-        tuple(every), asked.words, True, asked.config, overrides, shared_pairs, of_all | keys
-    )
+        return Job.of(_filled(configs.plain(config)), swept)
 
 
 @contextlib.contextmanager
@@ -177,22 +166,15 @@ def _faults(asked: Asked, keys: Mapping[str, str]) -> Iterator[None]:
         yield
     except SucreBenchError as fault:
         place = keys.get(fault.place, fault.place)
-        texts = {text for word in asked.typed for text in (word.text, word.key, word.head)}
-        values = (
-            word.text.partition("=")[2]
-            for word in asked.typed
-            if word.key in (*KINDS, "metrics", "views")
-        )
-        chosen = {name for value in values for name in re.findall(r"[^][,'\":]+", value)}
+        if not isinstance(fault, UnknownPluginError):
+            fault = type(fault)(fault.fault, place, fault.remedy)
+        typed = {text for word in asked.typed for text in (word.text, word.key, word.head)}
+        values = "=".join(word.text.partition("=")[2] for word in asked.typed)
+        names = re.findall(r"[^][,'\":=]+", values)
         is_typed = (
-            place in texts | chosen
-            or place.partition("=")[0] in texts
-            or re.split("[.:]", place)[0] in chosen
-        )
-        fault = (
-            type(fault)(fault.fault, place, fault.remedy)
-            if not isinstance(fault, UnknownPluginError)
-            else fault
+            place in {*typed, *names}
+            or place.partition("=")[0] in typed
+            or re.split("[.:]", place)[0] in names
         )
         raise (
             fault if is_typed or not asked.experiment else fault.within(asked.experiment)
@@ -201,81 +183,59 @@ def _faults(asked: Asked, keys: Mapping[str, str]) -> Iterator[None]:
 
 def _of_pair(
     pair: Mapping[Kind, Entry],
-    words: Sequence[tuple[Word, Option | None]],
-    unlabelled: Mapping[Kind, Counter[str]],
-    keys: dict[str, str],
+    words: Mapping[str, Word],
+    entries: Entries,
     asked: Asked,
     starts: dict[tuple[str, ...], dict[str, Any]],
 ) -> Iterator[tuple[Job, tuple[str, ...]]]:
     """The jobs of one dataset and one method: of every combination of the words' values, each with its overrides.
 
-    unlabelled: how many entries of a name have no label; starts: what Hydra has composed, by its overrides.
+    starts: what Hydra has composed, by its overrides.
     """
-    chosen: dict[str, Word] = {}
-    swept: list[str] = []
-    for kind, entry in pair.items():
-        chosen |= {word.key: word for word in entry.words(kind)}
-        # Without a label of its own, its label names the options that tell it from the others.
-        if not entry.label and unlabelled[kind][entry.name] > 1:
-            swept += [f"{kind}.{option}" for option in entry.options if option != "degrade"]
-    for word, option in words:
-        key = word.key
-        if option:
-            entry = pair[option.kind]
-            if not option.is_for(entry):
-                continue
-            key = f"{option.kind}.{option.name}"
-            plugin = plugin_of(option.kind, entry.name)
-            keys |= {key: word.key} | ({f"{plugin.name}.{option.name}": word.key} if plugin else {})
-        chosen.pop(key, None)  # the last word counts, in its place
-        chosen[key] = word
-        swept += [key] if word.is_swept else []
+    swept = [key for key, word in words.items() if word.is_swept]
+    deleted = [key for key, word in words.items() if word.is_deleted]
     method = pair["method"]
     own_word = method.label if method.label.replace("-", "_").isidentifier() else method.name
-    if not method.label and unlabelled["method"].total() == 1:
+    if not method.label and len(entries.chosen["method"]) == 1:
         own_word = "method"
-    for given in itertools.product(*(word.values for word in chosen.values())):
-        settings = dict(zip(chosen, given, strict=True))
-        metrics = settings.pop("metrics", None)
-        choices = [
-            *asked.of_hydra,
-            *(f"{kind}={quoted(entry.name)}" for kind, entry in pair.items()),
-        ]
-        choices += [] if metrics is None else [f"metrics={value_of(metrics)}"]
+    for given in itertools.product(*(word.values for word in words.values())):
+        settings = dict(zip(words, given, strict=True))
+        choices = [f"{kind}={quoted(entry.name)}" for kind, entry in pair.items()]
+        if "metrics" in settings:
+            choices.append(f"metrics={value_of(settings.pop('metrics'))}")
         start = starts.get(tuple(choices))
         if start is None:
-            start = starts[tuple(choices)] = configs.plain(configs.composed(choices))
-        values = {key: _copied(value) for key, value in start.items()}
-        deleted = [key for key in settings if chosen[key].is_deleted]
+            start = configs.plain(configs.composed([*asked.of_hydra, *choices]))
+            starts[tuple(choices)] = start
+        values = copy.deepcopy(start)
         for key, value in settings.items():
             _put(values, key, value, key in deleted)
-        job = Job.of(_plain(_filled(values)), swept)
+        job = Job.of(_filled(values), swept)
         job = replace(job, method=replace(job.method, word=own_word))
-        yield (
-            job,
-            _overrides(job, choices, [key for key in settings if key not in deleted], deleted),
-        )
+        labels = {
+            "dataset.label": job.values["dataset"]["label"] or job.dataset.plugin.name,
+            "method.label": job.method.label,
+        }
+        at = {
+            key: functools.reduce(operator.getitem, key.split("."), job.values)
+            for key in settings
+            if key not in deleted
+        }
+        lines = [f"++{key}={value_of(literal(value))}" for key, value in (at | labels).items()]
+        groups = [word for word in asked.of_hydra if not word.lstrip("+~").startswith("hydra")]
+        yield job, (*groups, *choices, *lines, *(f"~{key}" for key in deleted))
 
 
-def _overrides(
-    job: Job, choices: Sequence[str], keys: Sequence[str], deleted: Sequence[str]
-) -> tuple[str, ...]:
-    """What Hydra composes a job of a sweep of: the choices of groups, and the values at these keys."""
-
-    def at(key: str) -> Any:
-        value: Any = job.values
-        for part in key.split("."):
-            value = value[part]
-        return value
-
-    labels = {"dataset.label": job.values["dataset"]["label"] or job.dataset.plugin.name}
-    labels["method.label"] = job.method.label
-    settings = {key: at(key) for key in keys if key not in labels} | labels
-    lines = [f"++{key}={value_of(literal(value))}" for key, value in settings.items()]
-    of_task = (
-        choice for choice in choices if not choice.lstrip("+~").startswith(("hydra.", "hydra/"))
-    )
-    return (*of_task, *lines, *(f"~{key}" for key in deleted))
+def _sharing_pairs(every: Sequence[Job], asked: Asked) -> Sequence[Job]:
+    """Let jobs with methods of several views share pairs, if they work on the same views."""
+    pairing = [job for job in every if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
+    views = {
+        (job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing
+    }
+    if len(views) == len(pairing):
+        return every
+    folder = f"x{fingerprint({'command': [*asked.words]})[1]}"
+    return [replace(job, shared_pairs=folder) for job in every]
 
 
 def _refuse_same_place(planned: Sequence[Job]) -> None:
@@ -299,12 +259,6 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
 
 
 # -- the values of a configuration -----------------------------------------------------------------------------
-
-
-def _copied(value: Any) -> Any:
-    return (
-        {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
-    )
 
 
 def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None:
@@ -332,10 +286,15 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
 
 
 def _filled(values: dict[str, Any]) -> dict[str, Any]:
-    """A configuration with the run's seed where a plugin has none of its own, and with each ${...} resolved."""
+    """A configuration with the run's seed where a plugin has none of its own, and with each ${...} resolved.
+
+    Options that must be given and are not are left out: the plugin says so.
+    """
     for part in (values["dataset"], values["method"], *values["metrics"].values()):
         if part.get("seed") == SEED:
             part["seed"] = values["seed"]
+        for name in [name for name, value in part.items() if value == "???"]:
+            del part[name]
     text = str(values)
     if "${" not in text:
         return values
@@ -359,12 +318,3 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
         ) from fault
     assert isinstance(resolved, dict)
     return {**values, **{str(key): value for key, value in resolved.items()}}
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration without options that must be given and are not: the plugin says so."""
-    is_of_plugin = {"dataset", "method"}
-    return {
-        key: {name: v for name, v in value.items() if v != "???"} if key in is_of_plugin else value
-        for key, value in values.items()
-    }

@@ -52,6 +52,11 @@ def hydra_app() -> Hydra:
     return _hydra_app(_places.get())
 
 
+def loader() -> Any:
+    """Return what Hydra composes configurations with."""
+    return hydra_app().config_loader
+
+
 @functools.cache
 def _hydra_app(places: tuple[str, ...]) -> Hydra:
     from hydra import version
@@ -78,9 +83,10 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
     mode = RunMode.MULTIRUN if is_sweep else RunMode.RUN
     with faults_of_hydra(overrides):
         try:
-            return hydra_app().config_loader.load_configuration(
+            made: DictConfig = loader().load_configuration(
                 config or config_name(), [*overrides], mode
             )
+            return made
         except (
             AssertionError,
             AttributeError,
@@ -187,18 +193,15 @@ def current(config: DictConfig) -> Iterator[None]:
         known.cfg = before
 
 
-def default_choices() -> dict[str, str]:
-    """Return what conf/config.yaml chooses of each group."""
-    loader: Any = hydra_app().config_loader
-    found = loader.repository.load_config(config_name())
-    return {one.group: one.value for one in found.defaults_list if hasattr(one, "group")}
+def defaults(config: str = "") -> dict[str, str]:
+    """Return the defaults of a file, by default the first: what is chosen of each group, "" for a config by its path.
 
-
-def listed_names(config: str) -> set[str]:
-    """Return the names in the defaults of a file, "metrics/default" for example; none of them is imported."""
-    loader: Any = hydra_app().config_loader
-    found = loader.repository.load_config(config)
-    return {one.path for one in found.defaults_list if hasattr(one, "path")}
+    Nothing of it is imported.
+    """
+    found = loader().repository.load_config(config or config_name()).defaults_list
+    return {
+        getattr(one, "group", None) or one.path: str(getattr(one, "value", "")) for one in found
+    }
 
 
 def preset(group: str, name: str) -> dict[str, Any] | None:
@@ -223,10 +226,9 @@ def preset_names(group: str) -> list[str]:
     """Return the names of the files of a group, of conf/ and of the user's own folders."""
     from hydra.core.object_type import ObjectType
 
-    sources = hydra_app().config_loader.get_sources()
     found = (
         one
-        for one in sources
+        for one in loader().get_sources()
         if one.scheme() not in ("plugins", "structured") and one.is_group(group)
     )
     return sorted({name for one in found for name in one.list(group, ObjectType.CONFIG)})
@@ -235,12 +237,9 @@ def preset_names(group: str) -> list[str]:
 @functools.cache
 def descriptions(group: str) -> dict[str, str]:
     """Return the files of a folder of conf/ by name, with the first comment of each."""
-    files = sorted((Path(__file__).parent.parent / "conf" / group).glob("*.yaml"))
-    texts = {file.stem: file.read_text(encoding="utf-8").splitlines() for file in files}
-    comments = {
-        name: [line[2:] for line in lines if line.startswith("# ")] for name, lines in texts.items()
-    }
-    return {
-        name: next((one for one in found if not one.startswith("@")), "")
-        for name, found in comments.items()
-    }
+    made = {}
+    for file in sorted((Path(__file__).parent.parent / "conf" / group).glob("*.yaml")):
+        lines = file.read_text(encoding="utf-8").splitlines()
+        comments = (line[2:] for line in lines if line.startswith("# ") and line[2] != "@")
+        made[file.stem] = next(comments, "")
+    return made

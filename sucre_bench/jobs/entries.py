@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from sucre_bench.jobs.catalogue import (
     recognised,
 )
 from sucre_bench.jobs.run_options import RunConfig
-from sucre_bench.jobs.words import Word
+from sucre_bench.jobs.words import Word, parse
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import options_of
@@ -30,125 +31,226 @@ _OF_RUN = frozenset(option.name for option in options_of(RunConfig))
 
 @dataclass(frozen=True)
 class Entry:
-    """A dataset or method with options of its own.
-
-    name: of a plugin or a preset; options: also its label and, for a method, its display; for a dataset `degrade`, what
-    is done to it first.
-    """
+    """A dataset or method with options of its own."""
 
     name: str
+    """Of a plugin or a preset."""
+
     options: Mapping[str, Any] = field(default_factory=dict)
+    """Also its label and, for a method, its display; for a dataset `degrade`, what is done to it first."""
+
+    is_one_of_many: bool = False
+    """Whether labels must name its options, which tell it from others of its name."""
 
     @property
     def label(self) -> str:
         """The given label, empty where none is given."""
         return str(self.options.get("label") or "")
 
-    def words(self, group: str) -> Iterator[Word]:
-        """Yield its options as settings. group: where they stand, "method" say."""
+    @property
+    def names(self) -> tuple[str, str]:
+        """The names by which words mean it."""
+        return self.name, self.label or self.name
+
+    def words(self, kind: Kind) -> Iterator[Word]:
+        """Yield its options as settings of a configuration."""
         for name, value in self.options.items():
-            yield from (
-                _flat("degrade", value)
-                if name == "degrade"
-                else [Word.written(f"{group}.{name}", value)]
-            )
+            if name == "degrade":
+                yield from (Word.written(key, inner) for key, inner in _flat(name, value))
+            else:
+                word = Word.written(f"{kind}.{name}", value)
+                yield replace(word, is_swept=self.is_one_of_many)
 
 
-def _flat(key: str, value: Any) -> Iterator[Word]:
-    """The settings of a value: those of a mapping one by one."""
+def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Each value of nested mappings with its key."""
     if isinstance(value, Mapping):
         for name, inner in value.items():
-            yield from _flat(f"{key}.{name}", inner)
+            yield from _flat(f"{key}.{name}".lstrip("."), inner)
     else:
-        yield Word.written(key, value)
+        yield key, value
 
 
-def entries_of(kind: Kind, asked: Asked, params: Sequence[Word] = ()) -> tuple[Entry, ...]:
-    """The datasets or methods: those of the last word that names some, of the experiment, or what Hydra chooses."""
-    words = [word for word in asked.typed if word.key == kind]
-    if not words and (listed := listed_entries(kind, asked)):
-        return listed
-    words = words or [word for word in params if word.key == kind]
-    if not words:
-        return (_entry(kind, asked.choice(kind)),)
-    entries = []
-    left_out = []
-    for name in words[-1].values:
-        if not isinstance(name, (str, int, float)):
-            remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
-            raise InputError("one name at a time", words[-1].text, remedy)
-        name = str(name)
-        plugin = plugin_of(kind, name)
-        needs_root = (
-            any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls))
-            if plugin
-            else False
-        )
-        # A folder with the name of a dataset is meant where nothing else names the data.
-        lacks_root = needs_root and not any(word.key.endswith(".root") for word in asked.typed)
-        if kind == "dataset" and lacks_root and Path(name).is_dir():
-            name = f"./{name}"
-        entry = _entry(kind, name)
-        named(kind, entry.name)
-        if words[-1].is_glob and (lack := _lack(kind, name, asked)):
-            left_out.append(f"{name} ({lack})")
-        else:
-            entries.append(entry)
-    if left_out:
-        say(f"{words[-1].text} leaves out what lacks something: {', '.join(left_out)}")
-    if not entries:
-        raise InputError("all that fit lack something", words[-1].text, f"name one: {kind}=NAME")
-    return tuple(entries)
+@dataclass(frozen=True)
+class Option:
+    """What a word sets."""
+
+    kind: Kind
+
+    owner: str
+    """Name or label of the datasets or methods; empty for all that have the option."""
+
+    name: str
+
+    def is_for(self, entry: Entry) -> bool:
+        """Whether a dataset or method has the option, and the word means it."""
+        is_meant = self.owner in ("", *entry.names)
+        return is_meant and self.name.partition(".")[0] in option_names(self.kind, entry.name)
 
 
-def _lack(kind: Kind, name: str, asked: Asked) -> str:
-    """What a plugin or preset needs and does not have: options that no word gives, or packages; empty for nothing."""
-    plugin = named(kind, name)
-    given = {word.key for word in asked.typed}
-    options = [
-        option.name
-        for option in options_of(plugin.cls)
-        if option.default is MISSING
-        and option.name not in (preset_of(kind, name) or {})
-        and not given & {f"{kind}.{option.name}", f"{name}.{option.name}"}
-    ]
-    if options:
-        return ", ".join(f"{name}.{option}" for option in options)
-    lacking = absent(*plugin.requires)
-    return lacking.install if lacking else ""
+class Entries:
+    """The datasets and methods of a command.
 
+    params: the words of an experiment that are swept over; listed: what an experiment lists for the sweeper; chosen:
+    what runs. Raises InputError for a name that there is not, and for a list that cannot be read.
+    """
 
-def listed_entries(kind: Kind, asked: Asked) -> tuple[Entry, ...]:
-    """The datasets or methods that an experiment lists for the sweeper."""
-    entries = []
-    for given in asked.sweeper(f"{kind}s"):
-        options = {kind: given} if isinstance(given, str) else given
-        if not (isinstance(options, Mapping) and isinstance(options.get(kind), str)):
-            place = f"hydra.sweeper.{kind}s"
-            raise InputError(
-                f"{given!r} has no name", place, f"write NAME, or {{{kind}: NAME, OPTION: VALUE}}"
+    def __init__(self, asked: Asked) -> None:
+        self._asked = asked
+        swept = asked.sweeper("params") or {}
+        if not isinstance(swept, Mapping):
+            remedy = 'write params: {OPTION: "VALUE,VALUE"}'
+            raise InputError("is no mapping", "hydra.sweeper.params", remedy)
+        self.params = parse(f"{key}={value}" for key, value in _flat("", swept))
+        self.listed: dict[Kind, tuple[Entry, ...]] = {kind: self._listed(kind) for kind in KINDS}
+        self.chosen: dict[Kind, tuple[Entry, ...]] = {}
+        for kind in KINDS:
+            chosen = self._chosen(kind)
+            unlabelled = Counter(entry.name for entry in chosen if not entry.label)
+            self.chosen[kind] = tuple(
+                replace(entry, is_one_of_many=not entry.label and unlabelled[entry.name] > 1)
+                for entry in chosen
             )
-        entry = _entry(kind, options[kind])
-        own = {str(name): value for name, value in options.items() if name != kind}
-        plugin = named(kind, entry.name)
-        for option in own:
-            if option not in (
-                known := [
-                    *option_names(kind, entry.name),
-                    *(["degrade"] if kind == "dataset" else []),
-                ]
-            ):
+
+    def _listed(self, kind: Kind) -> tuple[Entry, ...]:
+        """The datasets or methods that an experiment lists for the sweeper."""
+        asked, entries = self._asked, list[Entry]()
+        for given in asked.sweeper(f"{kind}s"):
+            options = {kind: given} if isinstance(given, str) else given
+            if not (isinstance(options, Mapping) and isinstance(options.get(kind), str)):
+                remedy = f"write NAME, or {{{kind}: NAME, OPTION: VALUE}}"
+                raise InputError(f"{given!r} has no name", f"hydra.sweeper.{kind}s", remedy)
+            entry = _entry(kind, options[kind])
+            own = {str(name): value for name, value in options.items() if name != kind}
+            lacking = absent(*named(kind, entry.name).requires)
+            known = {*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])}
+            if unknown := own.keys() - known:
+                option = min(unknown)
                 raise unknown_name(f"{entry.name}.{option}", option, known)
-        lacking = None
-        # A study needs all of its own methods; other experiments go without what lacks an extra.
-        has_study = asked.config is not None and configs.selected(asked.config, "study.name")
-        if asked.experiment.startswith("experiment=") and not has_study:
-            lacking = absent(*plugin.requires)
-        if lacking and lacking.is_extra:
-            say(f"{options.get('label') or entry.name} is left out: {lacking}")
-        else:
-            entries.append(Entry(entry.name, {**entry.options, **own}))
-    return tuple(entries)
+            # A study needs all of its own methods; other experiments go without what lacks an extra.
+            has_study = configs.selected(asked.config, "study.name") if asked.config else ""
+            is_ours = asked.experiment.startswith("experiment=") and not has_study
+            if is_ours and lacking and lacking.is_extra:
+                say(f"{own.get('label') or entry.name} is left out: {lacking}")
+            else:
+                entries.append(Entry(entry.name, {**entry.options, **own}))
+        return tuple(entries)
+
+    def _chosen(self, kind: Kind) -> tuple[Entry, ...]:
+        """Those of the last word that names some, of the experiment, or what Hydra chooses."""
+        asked = self._asked
+        words = [word for word in asked.typed if word.key == kind]
+        if not words and self.listed[kind]:
+            return self.listed[kind]
+        words = words or [word for word in self.params if word.key == kind]
+        if not words:
+            return (_entry(kind, asked.choice(kind)),)
+        entries, left_out, word = list[Entry](), list[str](), words[-1]
+        for name in word.values:
+            if not isinstance(name, (str, int, float)):
+                remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
+                raise InputError("one name at a time", word.text, remedy)
+            entry = self._named(kind, str(name))
+            named(kind, entry.name)
+            lacks = self._lack(kind, entry.name) if word.is_glob else ""
+            if lacks:
+                left_out.append(f"{name} ({lacks})")
+            else:
+                entries.append(entry)
+        if left_out:
+            say(f"{word.text} leaves out what lacks something: {', '.join(left_out)}")
+        if not entries:
+            raise InputError("all that fit lack something", word.text, f"name one: {kind}=NAME")
+        return tuple(entries)
+
+    def _named(self, kind: Kind, name: str) -> Entry:
+        """Of this name; a folder with the name of a dataset is meant where nothing else names the data."""
+        has_root = any(word.key.endswith(".root") for word in self._asked.typed)
+        lacks_root = not has_root and "root" in _required(kind, name)
+        is_folder = kind == "dataset" and lacks_root and Path(name).is_dir()
+        return _entry(kind, f"./{name}" if is_folder else name)
+
+    def _lack(self, kind: Kind, name: str) -> str:
+        """What a plugin or preset lacks: options that no word gives, or packages; empty for nothing."""
+        given = {word.key for word in self._asked.typed}
+        options = [
+            f"{name}.{option}"
+            for option in _required(kind, name)
+            if not given & {f"{kind}.{option}", f"{name}.{option}"}
+        ]
+        lacking = absent(*named(kind, name).requires)
+        return ", ".join(options) or (lacking.install if lacking else "")
+
+    # -- options of them ---------------------------------------------------------------------------------------
+
+    def option_of(self, word: Word) -> Option | None:
+        """Return what a word sets of them, None for a word for the whole run. InputError for one that is neither."""
+        meant = _meant(word, self.chosen)
+        fitting = [one for one in meant if any(map(one.is_for, self.chosen[one.kind]))]
+        if len(fitting) > 1:
+            either = " or ".join(f"{option.kind}.{option.name}=" for option in fitting)
+            fault = f"'{word.head}' is a dataset and a method here"
+            raise InputError(fault, word.text, f"write {either}")
+        if fitting:
+            return fitting[0]
+        if meant:
+            raise self._no_option(word, meant[0])
+        if word.head not in _OF_RUN:
+            raise self._unknown(word)
+        return None
+
+    def is_replaced(self, word: Word) -> bool:
+        """Whether typed words replace the datasets or methods that have an option of the experiment."""
+        typed = {one.key for one in self._asked.typed}
+        meant = [option for option in _meant(word, self.listed) if option.kind in typed]
+        return bool(meant) and not any(map(meant[0].is_for, self.chosen[meant[0].kind]))
+
+    def _no_option(self, word: Word, option: Option) -> InputError:
+        """The fault of an option that none of its owners has; another of this name is the nearest."""
+        kind, name = option.kind, option.name
+        chosen = [entry.name for entry in self.chosen[kind]]
+        owners = [one.name for one in self.chosen[kind] if option.owner in ("", *one.names)]
+        known = {known for one in owners or [option.owner] for known in option_names(kind, one)}
+        fault = unknown_name(word.key, name, known)
+        for other in (*chosen, *plugins.usable(kind)):
+            if name in option_names(kind, other):
+                remedy = f"did you mean '{other}.{name}'? {fault.remedy}"
+                return InputError(fault.fault, fault.place, remedy)
+        return fault
+
+    def _unknown(self, word: Word) -> InputError:
+        """The fault of a word that is no option of the run, or of a chosen dataset or method."""
+        text, key = word.text, word.key
+        head, dot, rest = key.partition(".")
+        for kind, entries in self.chosen.items():
+            names = ",".join(dict.fromkeys(entry.name for entry in entries))
+            owners = dict.fromkeys(
+                entry.name for entry in entries if key in option_names(kind, entry.name)
+            )
+            if owners:
+                before = [kind] if len(entries) == 1 else [*owners]
+                either = " or ".join(f"{owner}.{text}" for owner in before)
+                return InputError(f"is an option of a {kind}", text, f"write {either}")
+            if dot and rest in option_names(kind, head):
+                remedy = f"add it: -m {kind}={names},{head}"
+                return InputError(f"'{head}' is not among the {kind}s", text, remedy)
+            if dot and any(head == entry.label for entry in self.listed[kind]):
+                remedy = f"leave out {kind}={names} or {key}"
+                return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
+        for kind in reversed(KINDS):
+            if dot and plugin_of(kind, head):
+                return self._no_option(word, Option(kind, head, rest))
+        if dot and plugin_of("metric", head):
+            return InputError("is an option of a metric", text, f"write metrics.{text}")
+        owned = {name for of in self.chosen.values() for entry in of for name in entry.names}
+        return unknown_name(key, head, {*_OF_RUN, *owned})
+
+
+def _required(kind: Kind, name: str) -> list[str]:
+    """The options that must be given for a plugin or preset of this name."""
+    plugin, preset = plugin_of(kind, name), preset_of(kind, name) or {}
+    options = options_of(plugin.cls) if plugin else ()
+    return [o.name for o in options if o.default is MISSING and o.name not in preset]
 
 
 def _entry(kind: Kind, name: str) -> Entry:
@@ -158,119 +260,11 @@ def _entry(kind: Kind, name: str) -> Entry:
     return Entry(name)
 
 
-# -- options of them -------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Option:
-    """What a word sets. owner: name or label of the datasets or methods; empty for all that have the option."""
-
-    kind: Kind
-    owner: str
-    name: str
-
-    def is_for(self, entry: Entry) -> bool:
-        """Whether a dataset or method has the option, and the word means it."""
-        is_meant = self.owner in ("", entry.name, entry.label)
-        return is_meant and self.name.partition(".")[0] in option_names(self.kind, entry.name)
-
-
-def option_of(word: Word, entries: Mapping[Kind, Sequence[Entry]], asked: Asked) -> Option | None:
-    """The option that a word is, None for a word for the whole run. InputError for a word that is neither."""
-    meant = _meant(word, entries)
-    fitting = [option for option in meant if any(map(option.is_for, entries[option.kind]))]
-    if len(fitting) > 1:
-        either = " or ".join(f"{option.kind}.{option.name}=" for option in fitting)
-        raise InputError(
-            f"'{word.head}' is a dataset and a method here", word.text, f"write {either}"
-        )
-    if fitting:
-        return fitting[0]
-    for option in meant:
-        owners = [
-            entry.name
-            for entry in entries[option.kind]
-            if option.owner in ("", entry.name, entry.label)
-        ]
-        raise _no_option(word, option, owners, entries)
-    if word.head not in _OF_RUN:
-        raise unknown_word(word, entries, asked)
-    return None
-
-
-def _no_option(
-    word: Word, option: Option, owners: Sequence[str], entries: Mapping[Kind, Sequence[Entry]]
-) -> InputError:
-    """Return the fault of an option that none of its owners has; another of this name is the nearest."""
-    kind, name = option.kind, option.name
-    names = [*(entry.name for entry in entries[kind]), *plugins.usable(kind)]
-    others = [other for other in names if name in option_names(kind, other)]
-    known = {name for owner in owners for name in option_names(kind, owner)}
-    fault = unknown_name(word.key, name, known)
-    if others:
-        remedy = f"did you mean '{others[0]}.{name}'? {fault.remedy}"
-        fault = InputError(fault.fault, fault.place, remedy)
-    return fault
-
-
 def _meant(word: Word, entries: Mapping[Kind, Sequence[Entry]]) -> list[Option]:
-    """The options that a word may be: of all datasets or methods, or of those that its first part names."""
+    """What a word may set: of all datasets or methods, or of those that its first part names."""
     head, dot, rest = word.key.partition(".")
-    if dot and head in KINDS:
-        return [Option("dataset" if head == "dataset" else "method", "", rest)]
-    named_so = {
-        kind: any(head in (entry.name, entry.label) for entry in entries[kind]) for kind in KINDS
-    }
-    return [Option(kind, head, rest) for kind in KINDS if dot and named_so[kind]]
-
-
-def is_replaced(
-    word: Word,
-    keys: set[str],
-    entries: Mapping[Kind, Sequence[Entry]],
-    listed: Mapping[Kind, Sequence[Entry]],
-) -> bool:
-    """Whether typed words replace what an experiment sweeps over: the datasets or methods that have the option."""
-    meant = [option for option in _meant(word, listed) if option.kind in keys]
-    return bool(meant) and not any(map(meant[0].is_for, entries[meant[0].kind]))
-
-
-def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], asked: Asked) -> InputError:
-    """Return the fault of a word that is no option of the run, or of a chosen dataset or method.
-
-    asked: words may have replaced the datasets or methods of its experiment.
-    """
-    text, key = word.text, word.key
-    head, dot, rest = key.partition(".")
-    for kind, entries in chosen.items():
-        names = ",".join(dict.fromkeys(entry.name for entry in entries))
-        owners = dict.fromkeys(
-            entry.name for entry in entries if key in option_names(kind, entry.name)
-        )
-        if owners:
-            before = [kind] if len(entries) == 1 else [*owners]
-            return InputError(
-                f"is an option of a {kind}",
-                text,
-                f"write {' or '.join(f'{b}.{text}' for b in before)}",
-            )
-        if dot and rest in option_names(kind, head):
-            return InputError(
-                f"'{head}' is not among the {kind}s", text, f"add it: -m {kind}={names},{head}"
-            )
-        if dot and head in {entry.label for entry in listed_entries(kind, asked)}:
-            remedy = f"leave out {kind}={names} or {key}"
-            return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
-    for kind in reversed(KINDS):
-        if dot and plugin_of(kind, head):
-            return _no_option(word, Option(kind, head, rest), [head], chosen)
-    if dot and plugin_of("metric", head):
-        return InputError("is an option of a metric", text, f"write metrics.{text}")
-    owned = {
-        name
-        for entries in chosen.values()
-        for entry in entries
-        for name in (entry.name, entry.label)
-        if name
-    }
-    return unknown_name(key, head, {*_OF_RUN, *owned})
+    return [
+        Option(kind, "" if head == kind else head, rest)
+        for kind in KINDS
+        if dot and (head == kind or any(head in entry.names for entry in entries[kind]))
+    ]

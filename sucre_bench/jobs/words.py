@@ -44,10 +44,16 @@ class Word:
         """The key up to its first dot."""
         return self.key.partition(".")[0]
 
+    @property
+    def value(self) -> str:
+        """What stands behind the key, as Hydra is to read it."""
+        return self.line.partition("=")[2]
+
     @classmethod
     def written(cls, key: str, value: Any) -> Word:
         """Return the setting of an option to a value."""
-        return cls(key, (value,), f"{key}={value_of(value)}")
+        text = f"{key}={value_of(value)}"
+        return cls(key, (value,), text, line=f"++{text}")
 
 
 def literal(value: Any) -> Any:
@@ -104,6 +110,8 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
         name = override.get_key_element().lstrip("+~")
         # + is for keys that Hydra does not know, and ours are all known
         as_read = key if name.startswith("hydra") else key.lstrip("+")
+        if name.startswith("hydra.sweeper.params"):
+            as_read = f"++{name}"
         words.append(
             Word(
                 name,
