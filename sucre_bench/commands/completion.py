@@ -179,14 +179,14 @@ def _names(group: str, start: str = "") -> _Found:
     yield from (
         configs.descriptions(group).items()
         if not group.startswith("hydra/")
-        else ((name, "") for name in configs.hydra_app().config_loader.get_group_options(group))
+        else ((name, "") for name in configs.loader().get_group_options(group))
     )
 
 
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     """The options of chosen methods or datasets, of all or of the one that is named; of a metric, or of the engine."""
+    from sucre_bench.jobs import configs
     from sucre_bench.jobs.catalogue import plugin_of
-    from sucre_bench.jobs.configs import default_choices
     from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
     from sucre_bench.plugins.options import options_of
 
@@ -197,7 +197,7 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
     for each in kinds:
         chosen = (
-            (given.get(each) or default_choices()[each]).split(",")
+            (given.get(each) or configs.defaults()[each]).split(",")
             if not classes and kind != "metrics"
             else []
         )

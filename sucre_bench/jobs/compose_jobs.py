@@ -94,8 +94,8 @@ def command_of(asked: Asked) -> Command:
     every = [job for job, _ in made]
     _refuse_same_place(every)
     overrides = tuple(lines for _, lines in made)
-    every = _sharing_pairs(every, asked)
-    return Command(tuple(every), asked.words, True, asked.config, overrides, keys)
+    shared = tuple(_sharing_pairs(every, asked))
+    return Command(shared, asked.words, True, asked.config, overrides, keys)
 
 
 def lines_of(asked: Asked) -> list[str]:
