@@ -28,7 +28,7 @@ _HOME = {
         "score",
     ),
     "sucre_bench.engine.compare_methods": ("Compared", "compare_methods"),
-    "sucre_bench.engine.run_config": ("run_config",),
+    "sucre_bench.engine.hydra_run": ("run_config",),
     "sucre_bench.results.rows": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": (
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         Compared as Compared,
         compare_methods as compare_methods,
     )
+    from sucre_bench.engine.hydra_run import run_config as run_config
     from sucre_bench.engine.python_api import (
         Restored as Restored,
         list_datasets as list_datasets,
@@ -76,7 +77,6 @@ if TYPE_CHECKING:
         restore as restore,
         score as score,
     )
-    from sucre_bench.engine.run_config import run_config as run_config
     from sucre_bench.errors import (
         InputError as InputError,
         NotApplicableError as NotApplicableError,

@@ -45,8 +45,8 @@ class PairSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> Any:
         """Run the jobs of the words of a command, and return the outcome of all."""
+        from sucre_bench.engine.hydra_run import run_as_job
         from sucre_bench.engine.run import run
-        from sucre_bench.engine.run_config import run_as_job
         from sucre_bench.jobs import asked, compose_jobs
 
         command = compose_jobs.command_of(asked.read(arguments, True, self.config))

@@ -7,7 +7,6 @@ import sys
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,9 +181,7 @@ def _option_lines(option: Option) -> list[str]:
     words = [*option.choices, *([] if option.is_closed else ["..."])]
     choices = f" ({'|'.join(words)})" if option.choices else ""
     default = (
-        ""
-        if option.default is MISSING
-        else f"={'none' if option.default is None else option.default}"
+        "" if option.is_required else f"={'none' if option.default is None else option.default}"
     )
     return _wrapped(f"{option.name}{default}{choices}  ", option.help)
 

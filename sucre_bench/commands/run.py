@@ -16,6 +16,8 @@ from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
     from sucre_bench.engine.preflight import Planned
+    from sucre_bench.jobs.job import Job
+    from sucre_bench.reports.mlflow.live import Live
 
 
 @click.command()
@@ -141,18 +143,33 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
     from sucre_bench.engine.hydra_run import run_words
     from sucre_bench.engine.run import Watch
     from sucre_bench.machine import progress
-    from sucre_bench.reports.mlflow.live import Live
 
-    floor, logged = [], Live()
+    floor: list[str] = []
+    logs: list[Live] = []  # one, if mlflow is wanted
+
+    def start(job: Job) -> None:
+        if job.tracking.uri != "off" and not absent("mlflow"):
+            from sucre_bench.reports.mlflow.live import Live
+
+            logs.append(block.enter_context(Live(job)))
 
     def before(planned: Sequence[Planned]) -> None:
         shared.say_what_views_show(planned)
         floor.append(shared.floor_of_psi(planned))
-        logged.follow(planned)
+        for log in logs:
+            log.follow(planned)
 
-    with logged:
-        with printed, progress.live(meanwhile=logged.receive):
-            watch = Watch(logged.start, before, logged.begin)
+    def begins(job: Job) -> None:
+        for log in logs:
+            log.begin(job)
+
+    def meanwhile() -> None:
+        for log in logs:
+            log.receive()
+
+    with contextlib.ExitStack() as block:
+        with printed, progress.live(meanwhile=meanwhile):
+            watch = Watch(start, before, begins)
             outcome = run_words(overrides, multirun, watch)
             comparisons = run_summary.compared(outcome)
             summary = run_summary.as_object(outcome, comparisons) if as_json else None
@@ -165,8 +182,8 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
             for note in filter(None, floor):
                 say(note, "yellow")
         finally:  # also when whoever reads our output has gone
-            if not outcome.interrupted:
-                logged.end(outcome.job)
+            for log in logs if not outcome.interrupted else ():
+                log.end()
     sys.exit(outcome.exit_code)
 
 

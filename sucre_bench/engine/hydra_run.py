@@ -1,4 +1,7 @@
-"""`sucre-bench run` as a program of Hydra: its configuration, callbacks, sweeper and launcher."""
+"""`sucre-bench run` as a program of Hydra: its configuration, callbacks, sweeper and launcher.
+
+A configuration that Hydra composed is also run from Python, and by a launcher of Hydra.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,23 @@ import subprocess
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import results
-from sucre_bench.engine.run import Outcome, Watch, outcome_of
-from sucre_bench.engine.run_config import run_as_job, run_launched
+from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
+from sucre_bench.engine.preflight import check
+from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
+from sucre_bench.engine.workers import run_jobs
 from sucre_bench.errors import InputError, in_one_line
-from sucre_bench.jobs import compose_jobs, configs
+from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import read, reading_experiment
-from sucre_bench.jobs.compose_jobs import Command
+from sucre_bench.jobs.compose_jobs import Command, command_of, job_of, lines_of
+from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.words import parse, value_of
+from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now
 
 if TYPE_CHECKING:
     from hydra._internal.callbacks import Callbacks
+    from hydra.core.utils import JobReturn
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
@@ -36,9 +44,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
     with reading_experiment(words) as words:
         asked = read(words, multirun)
         if asked.config is None:
-            return _run_single(compose_jobs.command_of(asked), watch)
+            return _run_single(command_of(asked), watch)
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
-        lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
+        lines = [word.line for word in asked.typed] if is_ours else lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
         swept = [*words]
         if not is_ours:  # what all jobs share is not among what tells them apart
@@ -61,7 +69,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             started = now()
             sweeper.watch = watch
             if watch and not is_ours:
-                watch.start(compose_jobs.job_of(config))
+                watch.start(job_of(config))
                 watch.before(())
             outcome = sweeper.sweep(arguments=swept)
         callbacks.on_multirun_end(config=config, config_name=configs.config_name())
@@ -113,6 +121,85 @@ def _run_single(command: Command, watch: Watch | None) -> Outcome:
 
 def _outcome_since(started: str, config: DictConfig) -> Outcome:
     """The outcome of another sweeper's jobs: what the score table has since then."""
-    job = compose_jobs.job_of(config)
+    job = job_of(config)
     rows = results.merge(job.out)
     return outcome_of(job, rows, rows[rows["time"] >= started])
+
+
+# -- a configuration that Hydra composed -----------------------------------------------------------------------
+
+
+def run_config(config: DictConfig) -> DataFrame:
+    """Restore and score what a configuration of Hydra chooses, and return the rows of it.
+
+    - config: what `hydra.compose("config", [...])` returns, with `sucre_bench.conf` as Hydra's config module.
+
+    >>> import hydra
+    >>> with hydra.initialize_config_module("sucre_bench.conf", version_base=None):
+    ...     words = ["dataset=demo", "dataset.views=2", "method=gray_world", "metrics=[psnr]", "tracking.uri=off"]
+    ...     config = hydra.compose("config", words)
+    >>> rows = run_config(config)
+    >>> rows["method"].unique().tolist()
+    ['gray_world']
+
+    The results folder is `out`, as of `sucre-bench run`; what is stored there is not computed again.
+
+    Raises InputError for a value that does not fit, ProblemsError for data that are not as expected.
+    """
+    with progress.live():
+        return run(Command((job_of(config),), config)).requested_rows
+
+
+def run_as_job(
+    command: Command, context: HydraContext, watch: Watch | None
+) -> tuple[Outcome, JobReturn]:
+    """Run a command as one job of Hydra, with its logging, environment and callbacks. Raises as `engine.run.run`."""
+    from hydra.core.utils import JobStatus, run_job
+
+    returned = run_job(
+        task_function=lambda _: run(command, watch),
+        config=command.config,
+        job_dir_key="hydra.run.dir",
+        job_subdir_key=None,
+        hydra_context=context,
+    )
+    # The public property would print the fault, which the command says in one line.
+    outcome = returned._return_value  # noqa: SLF001
+    if returned.status != JobStatus.COMPLETED:
+        raise outcome
+    assert isinstance(outcome, Outcome)
+    return outcome, returned
+
+
+def run_launched(config: DictConfig) -> float | None:
+    """Run one job of a sweep where a launcher of Hydra wants it, and return its objective, if it has one.
+
+    Its rows are written as parts of the score table; the command that launched it merges them.
+    """
+    from hydra.core.hydra_config import HydraConfig
+
+    for file in config.plugins:
+        plugins.load_file(str(file))
+    ours = HydraConfig.get()
+    keys = [word.lstrip("+").partition("=")[0] for word in ours.overrides.task]
+    # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.
+    shared = ours.job.config.override_dirname.exclude_keys
+    is_labelled = "method.label" in keys
+    swept = () if is_labelled else [key for key in keys if "." in key and key not in shared]
+    job = job_of(config, swept)
+    with progress.live(plain=True):
+        run_jobs(check(Command((job,), config)), job.workers)
+    return _objective(job) if job.objective else None
+
+
+def _objective(job: Job) -> float:
+    """The mean of the job's objective over its views. InputError if it has none."""
+    metric, _, variant = job.objective.replace(":", ".", 1).partition(".")
+    rows: Any = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
+    rows = rows[(rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")]
+    values = rows[rows["variant"] == variant]["value"] if variant else rows["value"]
+    if values.empty:
+        raise InputError(
+            "has no value", f"objective={job.objective}", "give METRIC.VARIANT of metrics=[...]"
+        )
+    return float(values.mean())

@@ -316,7 +316,9 @@ def check(command: Command) -> list[Planned]:
             )
         except SucreBenchError as fault:
             problems.append(command.as_typed(str(fault)))
-    if problems := problems or _clashes(planned, rows):
+    if not problems and not rows.empty:
+        problems = _clashes(planned, rows)
+    if problems:
         raise ProblemsError("\n".join(dict.fromkeys(problems)))
     return _sharing_decoded(planned)
 

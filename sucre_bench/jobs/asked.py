@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, in_one_line
 from sucre_bench.jobs import configs
-from sucre_bench.jobs.catalogue import plugin_of
+from sucre_bench.jobs.catalogue import GROUPS, plugin_of
 from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 from sucre_bench.jobs.words import QUOTED, Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
@@ -126,7 +126,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
             place = files[-1] if files else one.text
             raise InputError("one experiment at a time", place, "give experiment=NAME, or a file")
     experiment = files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
-    of_hydra, rest = tuple(word.line for word in groups), [w for w in typed if w not in groups]
+    of_hydra = tuple(word.line for word in groups)
+    rest = [word for word in typed if word not in groups]
     has_mode = any(word.key == "hydra.mode" for word in groups)
     if config is None and (multirun or experiment or has_mode):
         try:
@@ -175,7 +176,8 @@ def _refuse(asked: Asked) -> None:
 
     An experiment may leave the dataset open or name several; where the data are needs a dataset in the words.
     """
-    is_sweep, paths = asked.config is not None, set[str]()
+    is_sweep = asked.config is not None
+    paths = set[str]()
     if plugin := plugin_of("dataset", asked.choice("dataset")):
         paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))}
     has_dataset = any(word.key == "dataset" for word in asked.typed)
@@ -234,29 +236,25 @@ def bare_word(word: str, words: Sequence[str]) -> InputError:
     groups = (*KINDS, "metrics", "study", "hydra", *OPTION_GROUPS)
     if "." in word and word.partition(".")[0] in groups:
         return InputError("has no value", word, f"an override reads key=value, write {word}=VALUE")
-    names = {
-        "dataset": [*plugins.discover("dataset")],
-        "method": [*plugins.discover("method"), *configs.preset_names("method")],
-        "metrics": [*plugins.discover("metric")],
-        "experiment": configs.preset_names("experiment"),
-    }
+    keys = dict.fromkeys(configs.preset_names("experiment"), "experiment")
+    for kind, key in GROUPS.items():
+        presets = configs.preset_names(key) if kind != "metric" else []
+        keys |= dict.fromkeys([*plugins.discover(kind), *presets], key)
     keyed: dict[str, list[str]] = {}
     for name in filter(is_bare, words):
-        (near, *_) = difflib.get_close_matches(
-            name, itertools.chain(*names.values()), n=1, cutoff=0.7
-        ) or [""]
-        key = next((key for key, known in names.items() if near in known), "")
+        near = next(iter(difflib.get_close_matches(name, keys, n=1, cutoff=0.7)), "")
+        key = keys.get(near, "")
         if near != name and expanded(name).is_dir():
             key, near = "dataset", quoted(name if "/" in name else f"./{name}")
         keyed.setdefault(key, []).append(near)
-    remedy = "`sucre-bench list methods` and `list datasets` show the names"
-    if "" not in keyed:
-        several = (
-            "-m " if any(len(names) > 1 for key, names in keyed.items() if key != "metrics") else ""
-        )
-        meant = [
-            f"{key}=[{','.join(n)}]" if key == "metrics" else f"{key}={','.join(n)}"
-            for key, n in keyed.items()
-        ]
-        remedy = f"write sucre-bench run {several}{shlex.join([*meant, *(w for w in words if not is_bare(w))])}"
+    if "" in keyed:
+        remedy = "`sucre-bench list methods` and `list datasets` show the names"
+        return InputError("an override reads key=value", word, remedy)
+    meant = []
+    for key, names in keyed.items():
+        listed = ",".join(names)
+        meant.append(f"metrics=[{listed}]" if key == "metrics" else f"{key}={listed}")
+    is_sweep = any("," in text for text in meant if not text.startswith("metrics"))
+    words = [*meant, *(word for word in words if not is_bare(word))]
+    remedy = f"write sucre-bench run {'-m ' if is_sweep else ''}{shlex.join(words)}"
     return InputError("an override reads key=value", word, remedy)

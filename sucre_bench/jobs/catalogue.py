@@ -6,7 +6,7 @@ A folder stands for the dataset that recognises it by its files.
 import math
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import frames_of
 from sucre_bench.machine.provenance import absent
-from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
+from sucre_bench.plugins.options import Choice, Option, default_values, options_of, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # What the bench adds to the options of a plugin.
@@ -94,41 +94,26 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
         name, root = recognised(Path(name)), {"root": name}
     name, _, variant = name.partition(":") if kind == "metric" else (name, "", "")
     plugin = plugins.find(kind, name)
-    variants = [variant] if variant else plugin.default
-    added: dict[str, Any] = {"label": None, "display": plugin.display}
-    # keys: Hydra joins those of several choices
-    added |= {
-        "variants": None,
-        "named": dict.fromkeys(variants, True),
-    }
-    values = {
-        o.name: "???" if o.default is MISSING else plain_value(o.default)
-        for o in options_of(plugin.cls)
-    }
-    seed = {"seed": SEED} if "seed" in values else {}
-    return {
-        "name": plugin.name,
-        **{name: added[name] for name in _ADDED[kind]},
-        **values,
-        **seed,
-        **root,
-    }
+    added = dict.fromkeys(_ADDED[kind])
+    if kind == "method":
+        added["display"] = plugin.display
+    if kind == "metric":  # as keys: Hydra joins those of several choices
+        added["named"] = dict.fromkeys([variant] if variant else plugin.default, True)
+    values = default_values(plugin.cls)
+    if "seed" in values:
+        values["seed"] = SEED
+    return {"name": plugin.name, **added, **values, **root}
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin, preset, known = (
-        named("method", name),
-        preset_of("method", name),
-        option_names("method", name),
-    )
+    plugin, known = named("method", name), option_names("method", name)
     for option in options:
         if option not in known:
             raise unknown_name(f"{plugin.name}.{option}", option, known)
-    values = {name: value for name, value in (preset or {}).items() if value not in (SEED, "???")}
-    return plugin_choice(
-        "method", {"display": plugin.display, **values, **options, "name": plugin.name}
-    )
+    preset = preset_of("method", name) or {"display": plugin.display}
+    values = {name: value for name, value in preset.items() if value not in (SEED, "???")}
+    return plugin_choice("method", {**values, **options, "name": plugin.name})
 
 
 def option_names(kind: Kind, name: str) -> list[str]:
@@ -308,7 +293,7 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
 
 def option_entry(option: Option) -> dict[str, Any]:
     """Return an option's default, its choices if there are no others, and its help."""
-    default = "must be given" if option.default is MISSING else option.default
+    default = "must be given" if option.is_required else option.default
     if default is not None and not isinstance(default, (int, float, str, bool)):
         default = str(default)
     about: dict[str, Any] = {"default": default}

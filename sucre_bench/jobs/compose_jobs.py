@@ -39,16 +39,16 @@ class Command:
 
     jobs: tuple[Job, ...]
 
-    words: tuple[str, ...]
-    """The overrides, with ~ expanded."""
-
-    is_sweep: bool
-    """Whether it may have several jobs: by -m, or an experiment."""
-
     config: DictConfig
     """What Hydra composes of the job, or of what the jobs of a sweep share."""
 
-    overrides: tuple[tuple[str, ...], ...]
+    words: tuple[str, ...] = ()
+    """The overrides, with ~ expanded."""
+
+    is_sweep: bool = False
+    """Whether it may have several jobs: by -m, or an experiment."""
+
+    overrides: tuple[tuple[str, ...], ...] = ((),)
     """Of each job, with which Hydra composes it again."""
 
     keys: Mapping[str, str] = field(default_factory=dict)
@@ -81,7 +81,7 @@ def command_of(asked: Asked) -> Command:
         entries = Entries(asked)
         if asked.config is None:
             config = configs.composed(_lines_of(asked, entries, keys))
-            return Command((job_of(config),), asked.words, False, config, ((),), keys)
+            return Command((job_of(config),), config, asked.words, keys=keys)
         words = [word for word in entries.params if not entries.is_replaced(word)]
         words += asked.typed
         made = list[tuple[Job, tuple[str, ...]]]()
@@ -95,7 +95,7 @@ def command_of(asked: Asked) -> Command:
     _refuse_same_place(every)
     overrides = tuple(lines for _, lines in made)
     shared = tuple(_sharing_pairs(every, asked))
-    return Command(shared, asked.words, True, asked.config, overrides, keys)
+    return Command(shared, asked.config, asked.words, True, overrides, keys)
 
 
 def lines_of(asked: Asked) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +145,9 @@ class Entries:
         words = words or [word for word in self.params if word.key == kind]
         if not words:
             return (_entry(kind, asked.choice(kind)),)
-        entries, left_out, word = list[Entry](), list[str](), words[-1]
+        word = words[-1]
+        entries = list[Entry]()
+        left_out = list[str]()
         for name in word.values:
             if not isinstance(name, (str, int, float)):
                 remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
@@ -250,7 +252,7 @@ def _required(kind: Kind, name: str) -> list[str]:
     """The options that must be given for a plugin or preset of this name."""
     plugin, preset = plugin_of(kind, name), preset_of(kind, name) or {}
     options = options_of(plugin.cls) if plugin else ()
-    return [o.name for o in options if o.default is MISSING and o.name not in preset]
+    return [o.name for o in options if o.is_required and o.name not in preset]
 
 
 def _entry(kind: Kind, name: str) -> Entry:

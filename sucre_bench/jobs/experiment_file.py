@@ -17,6 +17,7 @@ from sucre_bench.jobs.run_options import Study
 from sucre_bench.jobs.words import given, literal, undegraded_label, value_of
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.plugins.options import default_values, plain_value
 
 EXPERIMENT = "experiment.yaml"
 # Settings of a command that an experiment has where they are not as by default.
@@ -34,6 +35,8 @@ def record_experiment(jobs: Sequence[Job]) -> None:
 
     Settings such as views and study are those of the last command. A file that is no experiment is replaced.
     """
+    import yaml
+
     first, out = jobs[0], jobs[0].out
     try:
         content = read_recorded(out)
@@ -66,28 +69,33 @@ def record_experiment(jobs: Sequence[Job]) -> None:
         for name, default in _RECORDED.items()
         if getattr(first, name) != default
     }
-    settings |= {"views": list(first.views)} if first.views is not None else {}
-    settings |= {"plugins": list(first.plugins)} if first.plugins else {}
+    if first.views is not None:
+        settings["views"] = list(first.views)
+    if first.plugins:
+        settings["plugins"] = list(first.plugins)
     if first.study:
-        values = {
-            name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()
-        }
-        settings["study"] = {
-            name: value for name, value in values.items() if value != Study.defaults()[name]
-        }
-    params = {"replicate": value_of(sorted(replicates))[1:-1]} if replicates != {0} else {}
-    lines = [
-        "# @package _global_",
-        f"# What made {out}. To run it again: sucre-bench run {out / EXPERIMENT} out=again",
-    ]
-    lines += ["defaults:", f"  - override /metrics: {_in_line([*metrics])}"]
-    lines += ["metrics:", *(f"  {name}: {_in_line(values)}" for name, values in metrics.items())]
-    lines += [f"{key}: {_in_line(value)}" for key, value in settings.items()]
-    lines += ["hydra:", "  mode: MULTIRUN", "  sweeper:"]
-    for kind in KINDS:
-        lines += [f"    {kind}s:", *(f"      - {_in_line(one)}" for one in listed[kind].values())]
-    lines += [f"    params: {_in_line(params)}"] if params else []
-    write_atomically(out / EXPERIMENT, "\n".join([*lines, ""]).encode())
+        study = {name: plain_value(value) for name, value in vars(first.study).items()}
+        usual = default_values(Study)
+        settings["study"] = {name: v for name, v in study.items() if v != usual[name]}
+    sweeper = {f"{kind}s": [*listed[kind].values()] for kind in KINDS}
+    if replicates != {0}:
+        sweeper["params"] = {"replicate": value_of(sorted(replicates))[1:-1]}
+    experiment = {
+        "defaults": [{"override /metrics": [*metrics]}],
+        "metrics": metrics,
+        **settings,
+        "hydra": {"mode": "MULTIRUN", "sweeper": sweeper},
+    }
+    # OmegaConf finds nothing to interpolate in it
+    text = yaml.safe_dump(
+        literal(experiment),
+        sort_keys=False,
+        allow_unicode=True,
+        width=10**6,
+        default_flow_style=None,
+    )
+    head = f"# @package _global_\n# What made {out}. To run it again: sucre-bench run {out / EXPERIMENT} out=again\n"
+    write_atomically(out / EXPERIMENT, f"{head}{text}".encode())
 
 
 def read_recorded(out: Path) -> dict[str, Any]:
@@ -113,13 +121,3 @@ def _label(kind: str, one: Mapping[str, Any]) -> str:
     from sucre_bench.degrade import Degradation
 
     return Degradation.of(one.get("degrade") or {}).labelled(str(one.get("label") or one[kind]))
-
-
-def _in_line(value: Any) -> str:
-    import yaml
-
-    # OmegaConf finds nothing to interpolate in it.
-    text = yaml.safe_dump(
-        literal(value), default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
-    )
-    return str(text).removesuffix("\n").removesuffix("\n...")

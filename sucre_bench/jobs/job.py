@@ -160,10 +160,9 @@ def read_config(path: Path) -> Iterator[Job]:
     Raises InputError if the file cannot be read, or if a job needs a plugin that is not loaded.
     """
     content = _content(path)
-    each, swept = content.pop("jobs", [{}]), content.pop("swept", ())
-    for one in each:
+    for one in content.pop("jobs", [{}]):
         try:
-            job = Job.of({**content, **one}, swept)  # labels of older folders follow from `swept`
+            job = Job.of({**content, **one})
         except SucreBenchError as fault:
             if remedy := load_them(_plugin_files(content)):
                 raise InputError(fault.without_remedy, path, remedy) from fault

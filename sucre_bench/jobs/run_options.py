@@ -11,7 +11,7 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.plugins.options import check_ranges, checked_options, options_of, plain_value
+from sucre_bench.plugins.options import check_ranges, checked_options, default_values, options_of
 from sucre_bench.plugins.plugin import fits
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
@@ -62,7 +62,7 @@ class Study:
     written as .svg too; by: "view" or "region" adds a table for each.
     """
 
-    name: str
+    name: str = ""
     metrics: tuple[str, ...] = ()
     along: str = ""
     axis: str = ""
@@ -71,15 +71,6 @@ class Study:
     spread: bool = False
     svg: bool = False
     by: By = "method"
-
-    @classmethod
-    def defaults(cls) -> dict[str, Any]:
-        """The options of no study, as a configuration has them."""
-        values = {"name": "", **{f.name: f.default for f in fields(cls) if f.name != "name"}}
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-        }
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:
@@ -95,7 +86,7 @@ class Study:
                     f"write study.{name}=[a,b]",
                 )
             lists[name] = tuple(dict.fromkeys(words))
-        study = cls(**checked_options(cls, {"name": "", **given, **lists}, "study"))
+        study = cls(**checked_options(cls, {**given, **lists}, "study"))
         if not study.name or file_name(study.name) != study.name:
             raise InputError(
                 f"'{study.name}' is no name for files", "study.name", "give study.name=WORD"
@@ -208,12 +199,8 @@ class RunConfig:
     @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Return the configuration of a run that is given nothing; the options in a group are a dictionary."""
-        values: dict[str, Any] = {
-            name: {option.name: plain_value(option.default) for option in options_of(group)}
-            for name, group in OPTION_GROUPS.items()
-        }
-        values = {option.name: plain_value(option.default) for option in options_of(cls)} | values
-        return values | {"study": Study.defaults()}
+        groups: dict[str, type[Any]] = {**OPTION_GROUPS, "study": Study}
+        return default_values(cls) | {name: default_values(cls) for name, cls in groups.items()}
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:
@@ -225,8 +212,7 @@ class RunConfig:
                     known = ", ".join(option.name for option in options_of(group))
                     raise InputError("is a group of options", name, f"set one of them: {known}")
                 options[name] = group(**checked_options(group, options[name], name))
-        if options.get("study") is not None:
-            options["study"] = (
-                None if options["study"] == Study.defaults() else Study.of(options["study"])
-            )
+        study = options.get("study")
+        if study is not None:
+            options["study"] = None if study == default_values(Study) else Study.of(study)
         return cls(**options)

@@ -42,6 +42,11 @@ class Option:
     cls: type[Any]
 
     @property
+    def is_required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is MISSING
+
+    @property
     def help(self) -> str:
         """The docstring under the field. It is looked up when asked for: that parses the source of the class."""
         return field_docs(self.cls).get(self.name, "")
@@ -74,6 +79,11 @@ def _options_of(cls: Any) -> tuple[Option, ...]:
         Option(f.name, hints[f.name], default, cls)
         for f, default in zip(given, defaults, strict=True)
     )
+
+
+def default_values(cls: Any) -> dict[str, Any]:
+    """Return the default of each option as plain data, "???" for one that must be given: as OmegaConf writes it."""
+    return {o.name: "???" if o.is_required else plain_value(o.default) for o in options_of(cls)}
 
 
 @functools.cache
@@ -157,7 +167,7 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
             )
         values[name] = value
     for option in known.values():
-        if option.default is MISSING and option.name not in values:
+        if option.is_required and option.name not in values:
             word = f"{plugin.kind if plugin else place}.{option.name}={'FOLDER' if option.name == 'root' else 'VALUE'}"
             raise InputError("must be given", f"{place}.{option.name}", f"add {word}")
     return values

@@ -215,12 +215,6 @@ def test_a_jobs_values_give_the_same_job_in_another_process():
         assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
 
 
-def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
-    (one,) = jobs("method.gain=2").jobs
-    written_before = {**one.values, "every": 1}
-    assert Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"
-
-
 LETTERS = "\\'$ {}a1."
 TEXTS = [
     "true",

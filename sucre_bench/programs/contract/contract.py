@@ -115,7 +115,7 @@ class Subject:
         """Why it cannot be run, with the remedy; empty if it can."""
         if lacking := absent(*self.plugin.requires):
             return str(lacking)
-        needed = [o.name for o in options_of(self.plugin.cls) if o.default is MISSING]
+        needed = [o.name for o in options_of(self.plugin.cls) if o.is_required]
         missing = [f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options]
         return f"options must be given; add {' '.join(missing)}" if missing else ""
 

@@ -2,7 +2,6 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import MISSING
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -137,9 +136,7 @@ def is_repeatable(subject: Subject) -> Iterator[str]:
 
 def names_what_is_missing(subject: Subject) -> Iterator[str]:
     """Names a folder that is missing or empty, in one line."""
-    asked = [
-        o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING
-    ]
+    asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.is_required]
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:
         whats = {
             Path(empty, "not-there"): "a folder that is not there",

@@ -10,20 +10,26 @@ from sucre_bench.engine.preflight import base_row
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import Forked, call, can_fork
-from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import masked
+from sucre_bench.reports.mlflow.follow import Follower, PlannedViews, follow
+from sucre_bench.reports.mlflow.runs import log
+from sucre_bench.reports.mlflow.store import Note, Place
 
 if TYPE_CHECKING:
     from sucre_bench.engine.preflight import Planned
     from sucre_bench.jobs.job import Job
-    from sucre_bench.reports.mlflow.store import Place
 
 
 class Live:
-    """The runs of a command. When its block ends, those that are at work are marked as killed."""
+    """The runs of a command, of which job is one. When its block ends, those that are at work are marked as killed.
 
-    def __init__(self) -> None:
-        self._child: Forked | None = None
+    mlflow, which takes seconds to import, is imported in the process that logs.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self._place = Place.of(job.out, job.tracking.uri, job.tracking.experiment)
+        self._out = job.out
+        self._child = Forked(partial(follow, self._out, self._place)) if can_fork() else None
         self._has_failed = False
 
     def __enter__(self) -> Live:
@@ -33,14 +39,6 @@ class Live:
         if self._child:
             self._child.stop()
 
-    def start(self, job: Job) -> None:
-        """Start the process, which needs seconds to import mlflow, if mlflow is wanted and installed."""
-        place = _place(job)
-        if place and can_fork():
-            from sucre_bench.reports.mlflow.follow import follow
-
-            self._child = Forked(partial(follow, job.out, place))
-
     def follow(self, planned: Sequence[Planned]) -> None:
         """Begin to follow the jobs, if there is work. planned: empty if another sweeper chooses the jobs."""
         if not self._child:
@@ -49,15 +47,11 @@ class Live:
             self._child.stop()
             self._child = None
             return
-        from sucre_bench.reports.mlflow.follow import Follower, PlannedViews
-
         self._child.give((Follower.follow, [PlannedViews.of(plan) for plan in planned]))
 
     def begin(self, job: Job) -> None:
         """Begin the run of a job."""
         if self._child:
-            from sucre_bench.reports.mlflow.follow import Follower
-
             self._child.give((Follower.begin, base_row(job)))
 
     def receive(self) -> None:
@@ -67,20 +61,12 @@ class Live:
                 progress.say(f"mlflow: {fault}; the run goes on, and its end tries again")
             self._has_failed = True
 
-    def end(self, job: Job) -> None:
-        """Log what lacks at the end, and print how to see it; if that fails, print the reason in one line.
-
-        job: any of the command.
-        """
-        place = _place(job)
-        if not place:
+    def end(self) -> None:
+        """Log what lacks at the end, and print how to see it; if that fails, print the reason in one line."""
+        out, place = self._out, self._place
+        if Note(out).is_logged(place):
             return
-        from sucre_bench.reports.mlflow.runs import log
-        from sucre_bench.reports.mlflow.store import Note
-
-        if Note(job.out).is_logged(place):
-            return
-        remedy = f"`sucre-bench track {job.out}` tries again"
+        remedy = f"`sucre-bench track {out}` tries again"
         with progress.live():
             progress.say(
                 f"mlflow   logging in {masked(place.uri)}; all results are written already"
@@ -90,19 +76,9 @@ class Live:
                     self._child.give(None)
                     self._child.wait(remedy)
                 else:
-                    call(partial(log, job.out, place), remedy)
+                    call(partial(log, out, place), remedy)
             except SucreBenchError as fault:
                 reason = "" if self._has_failed else f" ({fault.without_remedy})"
                 progress.say(f"mlflow: not logged{reason}; the table has everything, {remedy}")
             else:
                 progress.say(f"mlflow   {place.how_to_look}")
-
-
-def _place(job: Job) -> Place | None:
-    """Where a command is to be logged; None if it is not."""
-    if job.tracking.uri == "off" or absent("mlflow"):
-        return None
-    from sucre_bench.reports.mlflow.store import Place
-
-    place = Place.of(job.out, job.tracking.uri, job.tracking.experiment)
-    return None if place.uri == "off" else place

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,18 +64,20 @@ class Run:
     def log_params(self, params: Mapping[str, str]) -> None:
         """Log parameters."""
         from mlflow.entities import Param
+        from mlflow.utils import chunk_list
 
-        for some in _in_requests((Param(*one) for one in params.items()), _MOST_PARAMS):
+        for some in chunk_list([Param(*one) for one in params.items()], _MOST_PARAMS):
             self._client.log_batch(self.id, params=some)
 
     def log_metrics(self, values: Iterable[Value]) -> None:
         """Log the values that are not logged yet."""
         from mlflow.entities import Metric
+        from mlflow.utils import chunk_list
 
-        new = (
+        new = [
             Metric(n, v, time, step) for n, v, step, time in values if not self.has(n, step, time)
-        )
-        for some in _in_requests(new, _MOST_METRICS):
+        ]
+        for some in chunk_list(new, _MOST_METRICS):
             self._client.log_batch(self.id, metrics=some)
             self._logged |= {(one.key, one.step, one.timestamp) for one in some}
 
@@ -135,13 +136,6 @@ class Run:
             self._client.log_artifacts(self.id, str(path), name or path.name)
         elif path.is_file():
             self._client.log_artifact(self.id, str(path))
-
-
-def _in_requests(items: Iterable[Any], most: int) -> Iterator[list[Any]]:
-    """Yield items in lists that are short enough for a request."""
-    items = iter(items)
-    while some := list(itertools.islice(items, most)):
-        yield some
 
 
 def scores_of(rows: DataFrame) -> DataFrame:
