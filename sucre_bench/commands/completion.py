@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -57,27 +56,21 @@ def completion(shell: str) -> None:
 
 # -- the words of run, describe, charts, check, score and compare ----------------------------------------------
 
-_Found = Iterator[tuple[str, str]]  # words, each with what it is
-_GROUPS = ("dataset", "method", "metrics", "experiment")
+_Found = Iterable[tuple[str, str]]  # words, each with what it is
+_KINDS: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
+_GROUPS = (*_KINDS, "metrics", "experiment")
 
 
 def complete_words(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem[str]]:
     """Complete an override, its key or its value, given the words before it; or the path of an experiment or image."""
-    given = dict(
-        word.partition("=")[::2] for word in ctx.params.get(param.name or "") or () if "=" in word
-    )
-    found = [
-        *(
-            _values(incomplete, given)
-            if "=" in incomplete
-            else _starting(incomplete, _keys(incomplete, given))
-        )
-    ]
-    return _items(
-        incomplete, found or (places(incomplete) if incomplete and "=" not in incomplete else ())
-    )
+    words = ctx.params.get(param.name or "") or ()
+    given = dict(word.partition("=")[::2] for word in words if "=" in word)
+    if "=" in incomplete:
+        return _items(incomplete, _values(incomplete, given))
+    keys = [*_starting(incomplete, _keys(incomplete, given))]
+    return _items(incomplete, keys or (places(incomplete) if incomplete else ()))
 
 
 def complete_datasets(
@@ -116,33 +109,26 @@ def _starting(
     return ((f"{before}{word}{after}", said) for word, said in words if word.startswith(start))
 
 
-def _keys(typed: str, given: Mapping[str, str]) -> _Found:
+def _keys(typed: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """The keys that a word may begin with; behind a dot the options of what stands before it."""
-    from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
+    from sucre_bench.jobs.run_options import OPTION_GROUPS
 
     group, dot, _ = typed.rpartition(".")
-    if dot:
-        yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
-        return
-    plain = [
-        field.name
-        for field in fields(RunConfig)
-        if field.name not in (*OPTION_GROUPS, *_GROUPS, "study")
-    ]
-    chosen = (
-        name for kind in ("dataset", "method") for name in given.get(kind, "").split(",") if name
-    )
-    yield from ((f"{name}=", "") for name in (*_GROUPS, *plain, "hydra/launcher", "hydra/sweeper"))
-    yield from (
-        (f"{name}.", "") for name in ("dataset", "method", "metrics", *OPTION_GROUPS, *chosen)
-    )
+    hidden = () if dot else (*OPTION_GROUPS, *_GROUPS, "study")
+    for option in _options(group, given):
+        if option.name not in hidden:
+            yield f"{group}{dot}{option.name}=", option.help
+    if not dot:
+        chosen = ",".join(given.get(kind, "") for kind in _KINDS).split(",")
+        yield from ((f"{name}=", "") for name in (*_GROUPS, "hydra/launcher", "hydra/sweeper"))
+        yield from ((f"{name}.", "") for name in (*_GROUPS[:3], *OPTION_GROUPS, *chosen) if name)
 
 
-def _values(typed: str, given: Mapping[str, str]) -> _Found:
-    """The overrides that a word with a key may become; of several values the last is completed."""
+def _values(typed: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """The word with the values that its key takes: names, an option's choices, or paths."""
     key, _, value = typed.partition("=")
-    bracket = value[: value.startswith("[")]
-    others, comma, last = value[len(bracket) :].rpartition(",")
+    bracket = "[" if value.startswith("[") else ""
+    others, comma, last = value.removeprefix("[").rpartition(",")
     # bash completes only what follows the colon
     opens = key == "metrics" and not bracket and ":" not in last
     head = f"{key}={'[' if opens else bracket}{others}{comma}"
@@ -153,7 +139,8 @@ def _values(typed: str, given: Mapping[str, str]) -> _Found:
         names = ((name, said) for name, said in _names(key, last) if name not in others.split(","))
         yield from _starting(last, names, head, "]" if opens or bracket else "")
     elif option is not None:
-        words = [*option.choices, *(("true", "false") if bool in kinds else ())]
+        words = [*option.choices]
+        words += ["true", "false"] if bool in kinds else []
         words += ["null"] if type(None) in kinds else []
         words += given.get("method", "").split(",") if key == "baseline" else []
         yield from _starting(last, ((word, "") for word in words if word), head)
@@ -166,51 +153,42 @@ def _names(group: str, start: str = "") -> _Found:
     from sucre_bench import plugins
     from sucre_bench.jobs import catalogue, configs
 
+    if group.startswith("hydra/"):
+        return [(name, "") for name in configs.loader().get_group_options(group)]
     kind = next((kind for kind, folder in catalogue.GROUPS.items() if folder == group), None)
     name, colon, _ = start.partition(":")
-    plugin = catalogue.plugin_of(kind, name) if kind and colon else None
-    if plugin:
-        yield from (
-            (f"{name}:{variant}", said)
-            for variant, said in {**plugin.variants, "all": "every one"}.items()
-        )
-    elif kind:
-        yield from ((name, plugin.summary) for name, plugin in plugins.usable(kind).items())
-    yield from (
-        configs.descriptions(group).items()
-        if not group.startswith("hydra/")
-        else ((name, "") for name in configs.loader().get_group_options(group))
-    )
+    if kind and colon:
+        plugin = catalogue.plugin_of(kind, name)
+        variants = {**plugin.variants, "all": "every one"} if plugin else {}
+        return [(f"{name}:{variant}", said) for variant, said in variants.items()]
+    usable = plugins.usable(kind) if kind else {}
+    summaries = {name: plugin.summary for name, plugin in usable.items()}
+    return (summaries | configs.descriptions(group)).items()
 
 
-def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
+def _options(group: str, given: Mapping[str, str]) -> Iterable[Option]:
     """The options of chosen methods or datasets, of all or of the one that is named; of a metric, or of the engine."""
-    from sucre_bench.jobs import configs
-    from sucre_bench.jobs.catalogue import plugin_of
+    from sucre_bench.jobs import catalogue, configs
     from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
     from sucre_bench.plugins.options import options_of
 
     engine: dict[str, type[Any]] = {"": RunConfig, **OPTION_GROUPS}
-    classes = [engine[group]] if group in engine else []
-    kind, _, name = group.partition(".")
-    owners = [plugin_of("metric", name)] if kind == "metrics" else []
-    kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
-    for each in kinds:
-        chosen = (
-            (given.get(each) or configs.defaults()[each]).split(",")
-            if not classes and kind != "metrics"
-            else []
-        )
-        owners += [plugin_of(each, one) for one in chosen if group in (each, one)]
-    every = (
-        option
-        for cls in (*classes, *(plugin.cls for plugin in owners if plugin))
-        for option in options_of(cls)
-    )
-    return tuple({option.name: option for option in every}.values())
+    if group in engine:
+        return options_of(engine[group])
+    if group.startswith("metrics."):
+        owners = [catalogue.plugin_of("metric", group.partition(".")[2])]
+    else:
+        owners = [
+            catalogue.plugin_of(kind, name)
+            for kind in _KINDS
+            for name in (given.get(kind) or configs.defaults()[kind]).split(",")
+            if group in (kind, name)
+        ]
+    every = (option for plugin in owners if plugin for option in options_of(plugin.cls))
+    return {option.name: option for option in every}.values()
 
 
-def places(start: str, before: str = "") -> _Found:
+def places(start: str, before: str = "") -> Iterator[tuple[str, str]]:
     """The files and folders whose path starts so, with a home folder's ~ kept as it is."""
     folder, slash, name = start.rpartition("/")
     with contextlib.suppress(OSError):
