@@ -14,6 +14,7 @@ from sucre_bench import plugins
 from sucre_bench.errors import InputError, MissingFileError, UnknownPluginError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs import configs
+from sucre_bench.jobs.run_options import check_group
 from sucre_bench.jobs.words import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
@@ -163,13 +164,18 @@ def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
 def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
     """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
     chosen = []
-    for given in values.values():
+    for metric, given in values.items():
+        check_group(f"metrics.{metric}", given, plugins.find("metric", metric).cls, "variants")
         choice = plugin_choice(
             "metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]}
         )
         plugin, variants = choice.plugin, []
         wanted = given.get("named", ()) if given["variants"] is None else given["variants"]
-        for text in [wanted] if isinstance(wanted, str) else wanted:
+        words = [wanted] if isinstance(wanted, str) else wanted
+        if not isinstance(words, Iterable):
+            fault = f"{words!r} is no list of variants"
+            raise InputError(fault, f"metrics.{metric}.variants", "write [NAME] or [all]")
+        for text in words:
             name, form, _ = text.partition("@")
             if form:
                 split_variant(text)  # raises for a form that there is not

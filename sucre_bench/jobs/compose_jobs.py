@@ -274,13 +274,8 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
     if is_deleted:
         del node[name]
         return
-    if (
-        isinstance(options := node.get(name), dict)
-        and name != "variants"
-        and (key != "study" or value is not None)
-    ):
-        if not isinstance(value, dict):
-            raise InputError("is a group of options", key, f"set one of them: {', '.join(options)}")
+    options = node.get(name)
+    if isinstance(options, dict) and isinstance(value, dict):
         value = {**options, **value}
     node[name] = value
 
@@ -290,7 +285,8 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
 
     Options that must be given and are not are left out: the plugin says so.
     """
-    for part in (values["dataset"], values["method"], *values["metrics"].values()):
+    parts = (values["dataset"], values["method"], *values["metrics"].values())
+    for part in (part for part in parts if isinstance(part, dict)):
         if part.get("seed") == SEED:
             part["seed"] = values["seed"]
         for name in [name for name, value in part.items() if value == "???"]:

@@ -130,6 +130,13 @@ Colours = Literal["srgb", "stored"]
 Save = Literal["display", "full"]
 
 
+def check_group(key: str, value: Any, cls: type[Any], *more: str) -> None:
+    """Raise InputError where one value was given in place of the options that a class has, and more."""
+    if not isinstance(value, Mapping):
+        known = ", ".join([*more, *(option.name for option in options_of(cls))])
+        raise InputError("is a group of options", key, f"set one of them: {known}")
+
+
 @dataclass(frozen=True)
 class RunConfig:
     """The keys of `sucre-bench run`."""
@@ -208,11 +215,10 @@ class RunConfig:
         options = checked_options(cls, values)
         for name, group in OPTION_GROUPS.items():
             if name in options:
-                if not isinstance(options[name], Mapping):
-                    known = ", ".join(option.name for option in options_of(group))
-                    raise InputError("is a group of options", name, f"set one of them: {known}")
+                check_group(name, options[name], group)
                 options[name] = group(**checked_options(group, options[name], name))
         study = options.get("study")
         if study is not None:
+            check_group("study", study, Study)
             options["study"] = None if study == default_values(Study) else Study.of(study)
         return cls(**options)
