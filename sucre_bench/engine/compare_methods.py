@@ -35,7 +35,7 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.machine import progress, terminal
 from sucre_bench.plugins.options import Choice
-from sucre_bench.results.rows import wide
+from sucre_bench.results.rows import tuples, wide
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
@@ -124,6 +124,7 @@ class Compared:
         A notebook shows the returned picture. Raises InputError for an unknown label or view.
         """
         import cv2
+        import pandas as pd
         from PIL import Image
 
         shown = self.scene[view]
@@ -139,18 +140,14 @@ class Compared:
         main = deciding(found).main if not metric and (found := self.comparison) else None
         name, _, variant = (main.key if main else metric).partition(":")
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
+        wanted = {"view": shown.name, "metric": name, "status": "ok", "region": "image"}
+        if variant:
+            wanted["variant"] = variant
+        rows = self.rows[(self.rows[list(wanted)] == pd.Series(wanted)).all(axis=1)]
+        scores = {row.method: f", {name} {number(row.value)} {row.unit}" for row in tuples(rows)}
         for label in labels or self.labels:
             if (shown.name, label) in self.pictures:
-                rows = self.rows[(self.rows["view"] == shown.name) & (self.rows["method"] == label)]
-                scores = rows[
-                    (rows["metric"] == name)
-                    & (rows["status"] == "ok")
-                    & (rows["region"] == "image")
-                ]
-                score = scores[scores["variant"] == variant] if variant else scores
-                title = label
-                if not score.empty:
-                    title = f"{label}, {name} {number(score['value'].iloc[0])} {score['unit'].iloc[0]}".rstrip()
+                title = (label + scores.get(label, "")).rstrip()
                 panels[title] = self.pictures[shown.name, label]
         if shown.reference is not None:
             panels["reference"] = to_8bit(display(shown.reference, "none", shown.encoding))

@@ -117,17 +117,14 @@ class RowCode:
         return self.metric.partition("-")[2]
 
 
-_PARTS = ("restoration", "metric", "seen", "mask", "method")
-
-
-def code_parts(codes: Series, on_common: bool = False) -> DataFrame:
-    """Return what made each row: a column for each of `_PARTS`, see `RowCode`. on_common: as for `RowCode.read`."""
+def code_parts(codes: Series) -> DataFrame:
+    """Return hashes in the codes of rows, a column each: restoration, metric and method, see `RowCode`."""
     import pandas as pd
 
     texts = codes.unique()
-    read = [RowCode.read(text, on_common) for text in texts]
-    columns = {name: [getattr(code, name) for code in read] for name in _PARTS}
-    return pd.DataFrame(columns, texts, dtype=object).loc[codes].set_axis(codes.index)
+    parts = [(read.restoration, read.metric, read.method) for read in map(RowCode.read, texts)]
+    names = ["restoration", "metric", "method"]
+    return pd.DataFrame(parts, texts, names, dtype=object).loc[codes].set_axis(codes.index)
 
 
 def replicated(scene: str, replicate: int) -> str:

@@ -323,7 +323,8 @@ def _against(
             for (line, c), cell in made.items()
             if line != reference and (reference, c) in made
         }
-    lines = tuple(line for line in scores.methods if any(line == known for known, _ in cells))
-    kept = tuple(c for c in scores.columns if any(c == known for _, known in cells))
+    known = {part for key in cells for part in key}
+    lines = tuple(line for line in scores.methods if line in known)
+    kept = tuple(column for column in scores.columns if column in known)
     title = f"{scores.title}, against {baseline}"
     return Comparison(title, lines, kept, cells, baseline=baseline) if cells else None
