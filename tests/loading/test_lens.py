@@ -86,13 +86,6 @@ def test_no_pixel_of_the_pinhole_looks_past_the_photograph_and_little_is_lost(
         assert side < 60
 
 
-def test_without_distortion_nothing_changes():
-    image = np.random.default_rng(0).random((480, 640, 3)).astype(np.float32)
-    lens = Lens(CAMERA, "perspective", ())
-    np.testing.assert_allclose(lens.pinhole.K, CAMERA.K, atol=1e-6)
-    np.testing.assert_allclose(lens.undistorted(image, (640, 480)), image, atol=1e-4)
-
-
 def test_strips_of_rows_join_where_the_picture_is_large():
     """3,000 pixels of width are brought over in strips: each row lies where the whole image's map says."""
     wide = Lens(

@@ -61,12 +61,6 @@ def test_intervals_hold_the_true_scores_in_95_percent_of_studies():
     assert first >= 35
 
 
-def test_a_method_that_nobody_prefers_has_a_finite_score():
-    none = np.zeros(10, int)
-    found = preferences(Votes(2, none, none + 1, np.ones(10), none, none))
-    assert np.isfinite(found.scores).all()
-
-
 @pytest.mark.parametrize(
     ("won", "n_observers", "want"),
     [

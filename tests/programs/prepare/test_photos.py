@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from support.photographed_valley import (
     CAMERA,
-    FOCAL,
     HEIGHT,
     POSES,
-    WIDTH,
     make_shots,
     photograph,
     true_depth,
@@ -136,17 +134,6 @@ def same_names(count: int) -> dict[str, str]:
 
 def no_depth(shot: Shot) -> Array:
     raise AssertionError(shot.name)
-
-
-def test_a_length_that_is_seen_gives_the_scale():
-    shots = make_shots(np.zeros((1, 3)))
-    # Half a unit of tangent, at a depth of 2 units: 1 unit long.
-    known = known_scale(lengths=[("0.png", 100.0, 100.0, 100.0 + FOCAL / 2, 100.0, 0.25)])
-    found = find_scale(
-        known, shots, same_names(1), lambda _: np.full((HEIGHT, WIDTH), 2.0, np.float32)
-    )
-    assert found.metres_per_unit == pytest.approx(0.25)
-    assert found.is_metric
 
 
 def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refused():
