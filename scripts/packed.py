@@ -31,7 +31,7 @@ LIMITS: dict[str, dict[str, int]] = {
     "metrics": {"nested if": 1},
     "sucre_bench": {"nested if": 4, "three joined": 12},
     "sucre_bench/commands": {"parallel": 6, "three joined": 2},
-    "sucre_bench/compare": {"three joined": 10},
+    "sucre_bench/compare": {"three joined": 9},
     "sucre_bench/degrade": {"three joined": 4},
     "sucre_bench/engine": {"assigned": 11, "parallel": 30, "three joined": 10},
     "sucre_bench/imaging": {"assigned": 1, "nested if": 2, "parallel": 1, "three joined": 4},
@@ -40,15 +40,14 @@ LIMITS: dict[str, dict[str, int]] = {
     "sucre_bench/machine": {"three joined": 6},
     "sucre_bench/multiview": {"assigned": 1, "three joined": 5},
     "sucre_bench/plugins": {"three joined": 6},
-    "sucre_bench/programs": {"assigned": 21, "nested if": 5, "three joined": 22},
+    "sucre_bench/programs": {"assigned": 4, "nested if": 1, "three joined": 22},
     "sucre_bench/reports": {
         "assigned": 7,
-        "nested if": 1,
         "parallel": 3,
         "text times": 2,
-        "three joined": 4,
+        "three joined": 3,
     },
-    "sucre_bench/results": {"assigned": 6, "nested if": 4, "parallel": 13, "three joined": 4},
+    "sucre_bench/results": {"assigned": 2, "nested if": 1, "parallel": 10, "three joined": 1},
 }
 
 
