@@ -136,8 +136,6 @@ def main() -> None:
     for options in (
         {},
         {"encoding": "linear"},
-        {"rule": "depth"},
-        {"rule": "depth", "encoding": "linear"},
     ):
         observe(target, scene.views, **options)
         seconds = min(

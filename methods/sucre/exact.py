@@ -134,7 +134,6 @@ def fit(
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
-    one_coefficient: bool = False,
     growth: Array | float = 1.0,
     near: WaterParameters | None = None,
     free: WaterParameters | None = None,
@@ -142,7 +141,7 @@ def fit(
     """Find the one water that explains observations best.
 
     physical: hold colours above zero, up to the noise of the free fit. sharp: where the observations are blurred, those
-    whose colours are held, each pixel by its first observation. one_coefficient: gamma is beta, the paper's eq. 1.
+    whose colours are held, each pixel by its first observation.
     growth: (3,) how many times larger errors are than those of independent observations, which weak priors count by.
     near: a minimum of almost the same observations, the only start then. free: the minimum without `physical`.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
@@ -150,7 +149,7 @@ def fit(
     check_pairs(observations)
     few = sampled(observations, SAMPLE, singles=physical, seed=seed)
     distance = float(np.median(few.distance))
-    search = _Search(distance, backend, device, one_coefficient, growth)
+    search = _Search(distance, backend, device, growth)
     margin, dark = None, [] if sharp is None or not physical else [first_slot(sharp)]
     with search.over([sampled(few, _SCREEN, singles=False, seed=seed)]) as evaluate:
         starts = _promising(evaluate, distance)
@@ -198,19 +197,20 @@ def _hopeless(fault: str) -> tuple[str, str, str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """The descents of a fit; distance: median of the observations, metres; tied, growth: see `fit`."""
+    """The descents of a fit; distance: median of the observations, metres; growth: see `fit`."""
 
     distance: float
     backend: Backend
     device: Device
-    tied: bool
     growth: Array | float
 
-    def descended(self, evaluate: _Evaluate, start: Array, **limits: Any) -> Minimum:
-        """Return where a start leads; in rows that have one coefficient, if gamma is tied to beta."""
+    def descended(
+        self, evaluate: _Evaluate, start: Array, *, tied: bool = False, **limits: Any
+    ) -> Minimum:
+        """Return where a start leads; tied: with gamma = beta, from rows that have one coefficient."""
         most = _MOST_DEPTH / self.distance  # rates for scenes seen from about this distance
         bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
-        if not self.tied:
+        if not tied:
             return minimise(evaluate, start, bounds, **limits)
         end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, bounds, **limits)
         return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
@@ -261,7 +261,7 @@ class _Search:
 
         with self.over([observations, *dark], margin) as evaluate:
             end = lowest(evaluate, starts)
-            known = _uncertainty(end, observations, dead, self.tied)
+            known = _uncertainty(end, observations, dead)
             known = rescaled_to_noise(known, known.noise * self.growth)
             weak = _undetermined(end.at, known, end.free, dead, self.distance)
             if weak.any():
@@ -272,8 +272,8 @@ class _Search:
                 clear = (beta == 0) | ((beta <= most) & ((beta + most) * self.distance < _CLEAR))
                 likely = lowest(prior, (end.at, *grid))
                 if (bright := weak & ~clear & (likely.at[:, 0] >= 1)).any():
-                    one = replace(self, tied=True).descended(
-                        prior, likely.at, tolerance=_TOLERANCE, floor=floor
+                    one = self.descended(
+                        prior, likely.at, tied=True, tolerance=_TOLERANCE, floor=floor
                     )
                     at = np.where(bright[:, None], one.at, likely.at)
                     at[at[:, 0] >= 1] *= [0, 1, 0]
@@ -290,7 +290,7 @@ class _Search:
         if margin is not None:  # without the shortfall of negative colours
             with self.over([observations]) as evaluate:
                 end = replace(end, system=replace(end.system, cost=evaluate(end.at).cost))
-        uncertainty = _uncertainty(end, observations, dead, self.tied, weak)
+        uncertainty = _uncertainty(end, observations, dead, weak)
         return WaterFit(
             _water(end, dead),
             end.system.cost,
@@ -305,10 +305,10 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
 
 
 def _uncertainty(
-    end: Minimum, observations: Observations, dead: Mask, tied: bool, weak: Mask | None = None
+    end: Minimum, observations: Observations, dead: Mask, weak: Mask | None = None
 ) -> WaterUncertainty:
     return uncertainty_of(
-        _water(end, dead), end.system, end.free, observations.n_excess, dead, weak, tied=tied
+        _water(end, dead), end.system, end.free, observations.n_excess, dead, weak
     )
 
 

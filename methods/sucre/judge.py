@@ -160,7 +160,7 @@ def _candidates(options: Any) -> Iterator[Model]:
         for fit in (Fit.FOOTPRINTS, Fit.PIXELS):
             for is_robust in (False, True):
                 for is_physical in (False, True):
-                    model = Model(fit, is_physical, is_robust, options.one_coefficient, light)
+                    model = Model(fit, is_physical, is_robust, light=light)
                     if _allows(options.footprint, fit is Fit.FOOTPRINTS) and (
                         _allows(options.physical, is_physical)
                         and _allows(options.robust, is_robust)
@@ -172,7 +172,7 @@ def _early(options: Any) -> Iterator[Model]:
     """Yield the models of the paper's first steps that options allow."""
     is_plain = options.light in ("auto", EVEN) and options.footprint is not True
     if is_plain and options.physical is not True and options.robust is not True:
-        for one_coefficient in (True,) if options.one_coefficient else (False, True):
+        for one_coefficient in (False, True):
             yield Model(Fit.EARLY, one_coefficient=one_coefficient)
 
 

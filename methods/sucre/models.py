@@ -166,7 +166,6 @@ def fit_model(
     matched = seen.matched if model.fit is Fit.FOOTPRINTS else None
     options: dict[str, Any] = seen.options.compute | {
         "physical": model.is_physical,
-        "one_coefficient": model.one_coefficient,
         "robust": model.is_robust,
         "near": near and near.water,
     }
@@ -277,7 +276,6 @@ def fit_water(
     matched: Observations | None = None,
     *,
     physical: bool = False,
-    one_coefficient: bool = False,
     robust: bool = False,
     near: WaterParameters | None = None,
     backend: Backend = "auto",
@@ -288,9 +286,7 @@ def fit_water(
     matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py). Weak priors
     then count by errors that hold if the residuals of neighbours, or of a view, are alike. near: see `fit`.
     """
-    how: Callable[..., WaterFit] = partial(
-        fit, one_coefficient=one_coefficient, backend=backend, device=device
-    )
+    how: Callable[..., WaterFit] = partial(fit, backend=backend, device=device)
     sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
     to_fit = observations if matched is None else matched
     few = sharp if matched is None else matched
@@ -308,7 +304,7 @@ def fit_water(
     else:
         found = start(to_fit)
     if matched is not None:
-        how = partial(how, growth=grown(found, to_fit, one_coefficient))
+        how = partial(how, growth=grown(found, to_fit))
         found = how(to_fit, near=found.water)
     if physical:
         near_or_free = {"free": found.water} if near is None else {"near": near}
@@ -317,7 +313,7 @@ def fit_water(
         found.uncertainty if noise is None else rescaled_to_noise(found.uncertainty, noise)
     )
     if matched is not None:
-        uncertainty = clustered(uncertainty, to_fit, found.water, tied=one_coefficient)
+        uncertainty = clustered(uncertainty, to_fit, found.water)
     course = Course(
         solver="exact",
         device="cpu",
@@ -331,10 +327,10 @@ def fit_water(
     return Fitted(found.water, uncertainty.with_limits(said), course, noise)
 
 
-def grown(found: WaterFit, to_fit: Observations, tied: bool) -> Array:
+def grown(found: WaterFit, to_fit: Observations) -> Array:
     """Return how many times larger (3,) errors are than those of independent observations: rms over the parameters."""
     old = found.uncertainty.standard_error.by_channel()
-    new = clustered(found.uncertainty, to_fit, found.water, tied=tied).standard_error.by_channel()
+    new = clustered(found.uncertainty, to_fit, found.water).standard_error.by_channel()
     known = np.isfinite(old) & (old > 0)
     squares = np.divide(new, old, out=np.zeros((3, 3)), where=known) ** 2
     return np.sqrt(squares.sum(axis=1) / known.sum(axis=1).clip(1)).clip(1)

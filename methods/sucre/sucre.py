@@ -53,10 +53,6 @@ class Sucre(FillOption):
     """true: keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost; auto: as
     footprint=auto."""
 
-    one_coefficient: bool = False
-    """Fit the paper's eq. 1, in which backscatter has the coefficient of attenuation: gamma = beta (water=own or
-    shared)."""
-
     robust: bool | Literal["auto"] = "auto"
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly;
     auto: as footprint=auto; false: never. A colour that is too bright for a surface stays unknown, except with false;
@@ -65,10 +61,6 @@ class Sucre(FillOption):
     light: str = "auto"
     """What differs in the light of the views, fitted with the water: exposure (a gain for each view),
     white_balance (three), lens (vignetting), or some joined by +; even: nothing; auto: as footprint=auto."""
-
-    pairing: Literal["mutual", "depth"] = "mutual"
-    """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree within 3 %, with
-    interpolated colours, and more observations if views differ in scale."""
 
     encoding: Literal["view", "linear"] = "view"
     """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB."""
@@ -178,7 +170,6 @@ class Sucre(FillOption):
     def pairing_with(self, *, with_view: bool = False, with_ray: bool = False) -> Options:
         """Return the options of pairing."""
         return {
-            "rule": self.pairing,
             "encoding": "linear" if self.encoding == "linear" else "view",
             "with_ray": with_ray,
             "with_view": with_view or self.refine or bool(self.robust),
@@ -224,8 +215,6 @@ def check(options: Any, method: str) -> None:
         if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
             raise InputError(f"{method}.{name}: '{value}' is not a choice; use true, false or auto")
     parts = parts_of(options.light, f"{method}.light")
-    if options.one_coefficient and options.water not in ("own", "shared"):
-        raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
     found_with_own = (
         "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
     )

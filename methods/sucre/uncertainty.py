@@ -78,8 +78,6 @@ def clustered(
     uncertainty: WaterUncertainty,
     observations: Observations,
     water: WaterParameters,
-    *,
-    tied: bool = False,
 ) -> WaterUncertainty:
     """Return the uncertainty with errors that hold if the residuals of neighbours, or of a view, are alike.
 
@@ -90,11 +88,9 @@ def clustered(
     `view`.
     """
     H, by_cluster = _cluster_sums(observations, water)
-    H = TIED @ H @ TIED.T if tied else H
     before = uncertainty.standard_error.by_channel()
     error, alike = before.copy(), uncertainty.covariance.copy()
-    for sums in by_cluster:
-        s = TIED @ sums if tied else sums
+    for s in by_cluster:
         n = int((s != 0).any(axis=(0, 1)).sum())
         if n <= 3:
             continue
@@ -105,9 +101,7 @@ def clustered(
             error[c, k] = np.fmax(error[c, k], np.sqrt(np.diag(covariance)))
             whole = np.zeros((3, 3))
             whole[np.ix_(k, k)] = covariance
-            whole = TIED.T @ whole @ TIED if tied else whole
             alike[c] = whole if whole.trace() > alike[c].trace() else alike[c]
-    error = error[:, [0, 1, 1]] if tied else error
     rows = water.by_channel()
     loose = [
         _loose(c, rows, error)

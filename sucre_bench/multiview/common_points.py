@@ -2,7 +2,7 @@
 
 Single pixels of two photographs differ where the surface has texture. Depth and poses are off by a part of a pixel, and
 the nearer camera resolves more. So colours are compared as means over patches of 8 x 8 pixels of the view that resolves
-the points less. Points are matched from that view by the mutual rule (match_rules.py): each pixel has its own partner.
+the points less. Points are matched from that view by the mutual rule (mutual.py): each pixel has its own partner.
 Where the other view is nearer, one of its pixels would be a poor sample of a pixel's area: nine are taken.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from cachetools import LRUCache
 
 from sucre_bench.arrays import Array, Indices, evenly
-from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, visible_pixels
+from sucre_bench.multiview.pairing import Surface, lift, match, visible_pixels
 from sucre_bench.restored_pair import CommonPoints
 from sucre_bench.scene import View
 
@@ -51,12 +51,6 @@ def surface_of(view: View) -> Surface | None:
     ):
         return None
     return lift(view)
-
-
-def matched(surface: Surface | None, other: View, rule: Rule = "depth") -> Matches | None:
-    """Return the pixels of another view that show points of a surface, None if there are none."""
-    matches = match(surface, other, rule) if surface is not None else None
-    return matches if matches is not None and len(matches.pixels) else None
 
 
 @dataclass(frozen=True)
@@ -149,8 +143,8 @@ def _footprint(surface: Surface) -> float:
 
 def _patches(surface: Surface, other: View) -> CommonPoints | None:
     """The patches of a surface that another view shows."""
-    matches = matched(surface, other, "mutual")
-    if matches is None:
+    matches = match(surface, other)
+    if matches is None or not len(matches.pixels):
         return None
     patch = _patch_of(matches.pixels, surface.camera.width)
     chosen = _filled(patch, _KEPT)

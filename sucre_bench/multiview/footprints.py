@@ -35,7 +35,7 @@ from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import Kept, rays_at
-from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches
+from sucre_bench.multiview.pairing import Matches, Surface, lift, match, own_matches
 from sucre_bench.scene import View
 
 # k: standard deviation of the common Gaussian, in pixels of the coarsest view. From .5 to 1.5 the water of made scenes
@@ -78,8 +78,6 @@ def matched_footprints(
     views: Sequence[View],
     pixels: Indices,
     *,
-    rule: Rule = "mutual",
-    tolerance: float = 0.03,
     encoding: Kept = "view",
     with_view: bool = False,
     with_ray: bool = False,
@@ -87,8 +85,7 @@ def matched_footprints(
     """Return observations of some pixels of a target, with colours that average the same ground in every view.
 
     views: those that show the target, itself among them; of more than 32 some are chosen evenly. pixels: flat indices
-    into the target, with depth. rule, tolerance, encoding, with_view, with_ray: see `observe`; colours are
-    float32.
+    into the target, with depth. encoding, with_view, with_ray: see `observe`; colours are float32.
     Views without a pose or depth, and files that cannot be read, are left out. Pixels at outlines, at the border of an
     image, or seen in one view only are left out, so that the result may be empty.
     """
@@ -103,7 +100,7 @@ def matched_footprints(
 
     def land(view: View) -> _Landing | None:
         with suppress(InputError):  # pairing has told about damaged files
-            return _land(view, target, surface, steps, place, rule, tolerance)
+            return _land(view, target, surface, steps, place)
         return None
 
     def colours(landing: _Landing) -> Seen:
@@ -187,11 +184,9 @@ def _land(
     surface: Surface,
     sides: Sequence[Array],
     place: Indices,
-    rule: Rule,
-    tolerance: float,
 ) -> _Landing | None:
     is_target = view.name == target.name
-    matches = own_matches(surface) if is_target else match(surface, view, rule, tolerance)
+    matches = own_matches(surface) if is_target else match(surface, view)
     if (
         matches is None
         or not len(matches.pixels)

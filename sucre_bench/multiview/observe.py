@@ -6,7 +6,6 @@ number.
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -21,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
-from sucre_bench.arrays import Array, Indices, Mask, locked
+from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode
@@ -30,7 +29,6 @@ from sucre_bench.machine.progress import say, track
 from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, new_file
 from sucre_bench.multiview.pairing import (
     Matches,
-    Rule,
     Surface,
     lift,
     match,
@@ -57,8 +55,6 @@ _TELLING_SHARE = 1 / 8
 class Options(TypedDict, total=False):
     """The options of `observe` that decide its result."""
 
-    rule: Rule
-    tolerance: float
     encoding: Kept
     with_view: bool
     with_ray: bool
@@ -68,8 +64,6 @@ def observe(
     target: View,
     views: Sequence[View],
     *,
-    rule: Rule = "mutual",
-    tolerance: float = 0.03,
     encoding: Kept = "view",
     with_view: bool = False,
     with_ray: bool = False,
@@ -77,18 +71,18 @@ def observe(
 ) -> Observations:
     """Pair the target with the views (itself among them) and return all observations of its pixels with depth.
 
-    rule: "mutual", the paper's, or "depth", see match_rules.py; tolerance: of the rule "depth", relative;
     encoding: "view" keeps colours as they are, "linear" decodes gamma-encoded ones (as sRGB) and keeps 16 bits;
     with_view, with_ray: fill these fields of the result; folder: an empty folder to hold arrays in, not in memory.
 
-    Interpolated colours of 8-bit images are rounded to 8 bits again: .0011 rms, less than their noise. Colours that are
-    not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of the target's
-    pixels or less, and views with an unreadable file.
+    Colours that are not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of
+    the target's pixels or less, and views with an unreadable file.
     Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free. InputError
     if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
-    _check_options(rule, tolerance, encoding)
+    if encoding not in get_args(Kept):
+        remedy = did_you_mean(encoding, get_args(Kept))
+        raise InputError("unknown", f"encoding={encoding}", remedy)
     _, read_s = _timed(lambda: target.has_depth)
     surface = lift(target)
     if not len(surface.pixels):
@@ -103,8 +97,8 @@ def observe(
     tried = [views[k] for k in chosen]
     most = np.cumsum(visible[chosen])
     shape = (surface.camera.height, surface.camera.width)
-    how = (rule, tolerance, encoding, with_ray)
-    see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
+    least = MIN_SHARE * shape[0] * shape[1]
+    see = partial(_see, surface, target.name, least, encoding, with_ray)
     seen: list[Seen] = []
     unreadable: list[str] = []
     with ExitStack() as stack:
@@ -138,21 +132,6 @@ def observe(
     return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=pair_s)
 
 
-def _check_options(rule: str, tolerance: float, encoding: str) -> None:
-    for option, value, known in (
-        ("rule", rule, get_args(Rule)),
-        ("encoding", encoding, get_args(Kept)),
-    ):
-        if value not in known:
-            raise InputError("unknown", f"{option}={value}", did_you_mean(value, known))
-    if not 0 < tolerance < 1:
-        raise InputError(
-            "not a share of the depth between 0 and 1",
-            f"tolerance={tolerance}",
-            "give 0.03 for 3 %",
-        )
-
-
 def _timed(load: Callable[[], T]) -> tuple[T, float]:
     began = time.perf_counter()
     return load(), time.perf_counter() - began
@@ -176,17 +155,16 @@ def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Fut
 
 
 def _see(
-    surface: Surface, target: str, least: float, how: tuple[Rule, float, Kept, bool], view: View
+    surface: Surface, target: str, least: float, encoding: Kept, with_ray: bool, view: View
 ) -> tuple[Seen | None, float]:
     """The observations in a view, None if there are `least` or fewer; and the seconds spent reading."""
-    rule, tolerance, encoding, with_ray = how
     _, read_s = _timed(lambda: view.has_depth)
-    matches = own_matches(surface) if view.name == target else match(surface, view, rule, tolerance)
+    matches = own_matches(surface) if view.name == target else match(surface, view)
     if matches is None or len(matches.pixels) <= least:
         return None, read_s
     began = time.perf_counter()
     # Where no colour is computed of the image, its mapped 8-bit levels will do.
-    levels = view.levels if rule == "mutual" and encoding == "view" else None
+    levels = view.levels if encoding == "view" else None
     rgb = view.rgb if levels is None else levels
     read_s += time.perf_counter() - began
     assert view.camera is not None
@@ -245,23 +223,12 @@ def colours_at(
         )
         return matches, levels
     nearest = rgb.reshape(-1, 3)[matches.others]
-    if matches.at is None or matches.smooth is None:
-        colours = srgb_decode(nearest) if decode else nearest
-    else:  # in linear light if `decode`
-        image = np.ascontiguousarray(srgb_decode(rgb) if decode else rgb, np.float32)
-        colours = np.empty((len(matches.others), 3), np.float32)
-        compiled(_interpolate)(image, matches.others, matches.at, matches.smooth, colours)
+    colours = srgb_decode(nearest) if decode else nearest
     if not np.isfinite(colours).all():
         which = np.asarray(np.isfinite(colours).all(axis=-1))
         colours = colours[which]
-        nearest = nearest[which]
         matches = matches.only(which)
-    if decode:
-        return matches, _levels(colours, np.uint16)
-    if matches.at is None:
-        return matches, compact(colours)
-    source = compact(nearest).dtype.type
-    return matches, colours if source is np.float32 else _levels(colours, source)
+    return matches, _levels(colours) if decode else compact(colours)
 
 
 def _gather(levels: npt.NDArray[Any], others: Indices, colours: npt.NDArray[Any]) -> None:
@@ -274,33 +241,11 @@ def _gather(levels: npt.NDArray[Any], others: Indices, colours: npt.NDArray[Any]
         )
 
 
-def _levels(colours: Array, kind: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
-    full = np.iinfo(kind).max
+def _levels(colours: Array) -> npt.NDArray[np.uint16]:
+    full = np.iinfo(np.uint16).max
     levels = colours * np.float32(full)
     np.rint(levels, out=levels)
-    return np.clip(levels, 0, full, out=levels).astype(kind)
-
-
-def _interpolate(rgb: Array, others: Indices, at: Array, smooth: Mask, colours: Array) -> None:
-    """Write colours (M, 3): bilinear at `at` where `smooth`, else of the pixel `others`.
-
-    If one of the four colours is not finite, the pixel `others` counts, too.
-    """
-    half, one = np.float32(0.5), np.float32(1)
-    columns = rgb.shape[1]
-    for i in range(len(others)):
-        nearest = rgb[others[i] // columns, others[i] % columns]
-        x, y = at[i, 0] - half, at[i, 1] - half
-        u, v = math.floor(x), math.floor(y)
-        s, t = x - np.float32(u), y - np.float32(v)
-        for c in range(3):
-            colours[i, c] = nearest[c]
-            if smooth[i]:
-                above = (one - s) * rgb[v, u, c] + s * rgb[v, u + 1, c]
-                below = (one - s) * rgb[v + 1, u, c] + s * rgb[v + 1, u + 1, c]
-                mixed = (one - t) * above + t * below
-                if math.isfinite(mixed):
-                    colours[i, c] = mixed
+    return np.clip(levels, 0, full, out=levels).astype(np.uint16)
 
 
 def rays_at(matches: Matches, camera: Camera) -> Array:

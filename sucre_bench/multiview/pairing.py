@@ -1,7 +1,6 @@
 """Finds the pixel of another view that shows the same point as a pixel of the target (SUCRe, sec. 3, eq. 4 and 5).
 
-There are two rules, see match_rules.py: "mutual", the paper's, and "depth", which compares depths. With both, a target
-pixel has at most one match in a view, and a hidden point has none.
+A target pixel has at most one match in a view, and a hidden point has none: see mutual.py.
 
 Poses alone rule out the views that cannot see the target; their files are not read. Relative poses are float64; the
 other arithmetic is float32 in the camera's frame.
@@ -11,17 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera, relative_pose, unproject
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.match_rules import agreeing, mutual
+from sucre_bench.multiview.mutual import mutual
 from sucre_bench.scene import View
-
-Rule = Literal["mutual", "depth"]
 
 # A tile's points lie in the hull of eight corners, so a view that sees no hull sees no pixel. Smaller tiles fit the
 # scene closer and cost more corners: 64 px makes 510 tiles of a 1920x1080 image, 0.1 ms to test against a view.
@@ -63,21 +59,18 @@ class Matches:
     """The pairs of a target and one other view.
 
     pixels: (M,) int32 flat indices into the target, each at most once; others: (M,) int32 flat indices into the
-    other view; distance: (M,) float32 metres from the other view's camera, to the centre of its pixel with the mutual
-    rule, to the target's point with the rule "depth";
-    at: (M, 2) float32, pixel coordinates x, y of the target's point in the other view, None for the pixel's centre;
-    smooth: (M,) bool, whether the surface has no edge there, so that colours may be interpolated.
+    other view; distance: (M,) float32 metres from the other view's camera to the centre of its pixel;
+    at: (M, 2) float32, pixel coordinates x, y of the target's point in the other view, None for the pixel's centre.
     """
 
     pixels: Indices
     others: Indices
     distance: Array
     at: Array | None = None
-    smooth: Mask | None = None
 
     def only(self, which: Mask) -> Matches:
         """Return the chosen pairs. which: (M,) bool."""
-        fields = (self.pixels, self.others, self.distance, self.at, self.smooth)
+        fields = (self.pixels, self.others, self.distance, self.at)
         return Matches(*(None if values is None else values[which] for values in fields))  # type: ignore[arg-type]
 
 
@@ -190,13 +183,11 @@ def _visible_ranges(surface: Surface, view: View) -> Indices:
     return np.stack([surface.tile_starts[:-1], surface.tile_starts[1:]], axis=1)[seen]
 
 
-def match(
-    surface: Surface, view: View, rule: Rule = "mutual", tolerance: float = 0.03
-) -> Matches | None:
+def match(surface: Surface, view: View) -> Matches | None:
     """Return the pairs of a target and another view; None if that view has no pose or depth, or cannot see the target.
 
     The view's depth map is read only if part of the target is in its field of view; its image is not read.
-    tolerance: of the rule "depth", relative. Raises InputError if the depth map's size is not the camera's.
+    Raises InputError if the depth map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
         return None
@@ -206,8 +197,6 @@ def match(
     depth = np.ascontiguousarray(_depth(view, view.camera), np.float32)
     tried = (surface.points, surface.pixels, ranges)
     to_view = relative_pose(view.cam_from_world, surface.cam_from_world)
-    if rule == "depth":
-        return Matches(*agreeing(*tried, view.camera, depth, to_view, tolerance))
     to_target = relative_pose(surface.cam_from_world, view.cam_from_world)
     return Matches(*mutual(*tried, surface.camera, view.camera, depth, to_view, to_target))
 

@@ -92,8 +92,6 @@ def paired(scene: Scene, target: View, **options: Unpack[Options]) -> Observatio
 def _key(scene: Scene, target: View, options: Options) -> str:
     names = [view.name for view in scene.views]
     decided: dict[str, object] = {**_DEFAULTS, **options}
-    if decided["rule"] == "mutual":
-        del decided["tolerance"]  # the mutual rule does not compare depths
     content = json.dumps(
         [scene.data_id, target.name, names, decided, engine_hash()], sort_keys=True
     )

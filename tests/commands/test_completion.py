@@ -47,16 +47,16 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run 'metrics=[psn", ["metrics=[psnr]"]),
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
         (
-            "sucre-bench run method=sucre method.pairing=",
-            ["method.pairing=mutual", "method.pairing=depth"],
+            "sucre-bench run method=sucre method.encoding=",
+            ["method.encoding=view", "method.encoding=linear"],
         ),
         # of the method that runs by default
         (
             "sucre-bench run method.physical=t",
             ["method.physical=true"],
         ),
-        ("sucre-bench run method=sucre_torch method.pair", ["method.pairing="]),  # of a preset
-        ("sucre-bench run method=gray_world method.pairing=", []),
+        ("sucre-bench run method=sucre_torch method.enc", ["method.encoding="]),  # of a preset
+        ("sucre-bench run method=gray_world method.encoding=", []),
         ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
         ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
         ("sucre-bench run shard.", ["shard.index=", "shard.count="]),
@@ -65,8 +65,11 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run nothing.like=", []),
         ("sucre-bench run -m method=sucre,onnx onn", ["onnx."]),
         ("sucre-bench run -m method=sucre,onnx onnx.mod", ["onnx.model="]),
-        ("sucre-bench run -m method=gray_world,sucre sucre.pairing=d", ["sucre.pairing=depth"]),
-        ("sucre-bench run -m method=gray_world,sucre method.pairing=d", ["method.pairing=depth"]),
+        ("sucre-bench run -m method=gray_world,sucre sucre.encoding=l", ["sucre.encoding=linear"]),
+        (
+            "sucre-bench run -m method=gray_world,sucre method.encoding=l",
+            ["method.encoding=linear"],
+        ),
         ("sucre-bench run -m method=gray_world,sucre baseline=gr", ["baseline=gray_world"]),
         ("sucre-bench run 'metrics=[psnr,uciqe:mat", ["metrics=[psnr,uciqe:matlab]"]),
         ("sucre-bench describe colm", ["colmap"]),

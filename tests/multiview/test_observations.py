@@ -202,12 +202,3 @@ def test_colours_that_are_not_finite_and_views_that_cannot_be_read_are_left_out(
     matched = matched_footprints(views[2], views, np.arange(rgb[..., 0].size))
     assert np.isfinite(matched.colour).all()
     assert "4.png" not in matched.views
-
-
-def test_the_rule_of_pairing_decides_who_sees_a_point() -> None:
-    scene = make_ground(NO_WATER)
-    pixels = np.arange(0, 90 * 120, 7)
-    mutual, depth = (
-        matched_footprints(scene["1.png"], scene.views, pixels, rule=r) for r in ("mutual", "depth")
-    )
-    assert len(depth) > len(mutual) > 1000

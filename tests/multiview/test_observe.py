@@ -141,30 +141,7 @@ def ramp(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     return np.stack([0.5 + 0.1 * X, 0.4 + 0.15 * Y, 0.5 - 0.05 * X + 0.1 * Y], axis=-1)
 
 
-def test_by_depth_colours_are_interpolated_at_the_very_point() -> None:
-    target, other = flat_view("a", ramp, 0), flat_view("b", ramp, 0.137)  # 1.37 px aside
-    found = by_pixel(observe(target, [target, other], rule="depth", with_view=True))
-    own = target.rgb.reshape(-1, 3)
-    twice = {pixel: seen for pixel, seen in found.items() if len(seen) == 2}
-    assert len(twice) > 600
-    on_border = 0
-    for pixel, (_, (view, _, colour)) in twice.items():
-        on_border += not np.allclose(colour, own[pixel], atol=2e-6)
-        assert view == 1
-    assert on_border <= 2 * 24 + 2 * 32  # without four neighbours: the nearest colour
-
-
-def test_by_depth_distances_are_those_of_the_point_itself() -> None:
-    target, other = flat_view("a", ramp, 0), flat_view("b", ramp, 0.137)
-    observations = observe(target, [target, other], rule="depth", with_view=True, with_ray=True)
-    pixels = np.concatenate([observations.pixels[:n] for n, _ in observations.slots()])
-    at = np.stack([pixels % 32 + 0.5, pixels // 32 + 0.5, np.ones(len(pixels))])
-    X, Y, Z = np.linalg.inv(target.camera.K) @ at * 2 - [[0.137], [0], [0]] * observations.view
-    np.testing.assert_allclose(observations.distance, np.sqrt(X * X + Y * Y + Z * Z), rtol=1e-6)
-    np.testing.assert_allclose(observations.ray, [X / Z, Y / Z], atol=1e-5)
-
-
-def test_by_the_mutual_rule_rays_are_those_of_the_pixels_that_are_seen() -> None:
+def test_rays_are_those_of_the_pixels_that_are_seen() -> None:
     observations = observe(TARGET, SCENE.views, with_view=True, with_ray=True)
     matches = match(lift(TARGET), SCENE["far.png"])
     K = SCENE["far.png"].camera.K
@@ -180,50 +157,11 @@ def test_by_the_mutual_rule_rays_are_those_of_the_pixels_that_are_seen() -> None
     )
 
 
-def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_outline() -> None:
-    # The box is white and all else black: a mixture of the two would be gray.
-    def black_and_white(view: View) -> View:
-        from support.made_scene import PLANE
-
-        world_from_cam = np.linalg.inv(view.cam_from_world)
-        points = lift(view).points.T @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
-        rgb = np.zeros((view.camera.height * view.camera.width, 3))
-        rgb[lift(view).pixels] = (np.abs(points @ PLANE - 1) > 1e-3)[:, None]
-        return replace(
-            view, pixels=Arrays(rgb.reshape(view.camera.height, view.camera.width, 3), view.depth)
-        )
-
-    views = [black_and_white(view) for view in SCENE]
-    observations = observe(views[OWN], views, rule="depth")
-    assert observations.colour.dtype == np.uint8
-    assert set(np.unique(observations.colour)) == {0, 255}
-    own = views[OWN].rgb.reshape(-1, 3)[observations.pixels, 0] * 255
-    for n, part in observations.slots():
-        assert np.array_equal(observations.colour[0, part], own[:n])
-
-
-def test_by_depth_no_pixel_with_one_observation_is_left_amid_those_with_more() -> None:
-    near = SCENE["near.png"]  # its pixels are smaller than the others'
-    windows = np.lib.stride_tricks.sliding_window_view(near.depth, (3, 3))
-    # no outline, behind which points are hidden
-    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(axis=(2, 3))
-    dotted = {}
-    for rule in ("mutual", "depth"):
-        observations = observe(near, [near, SCENE["side.png"], SCENE["far.png"]], rule=rule)
-        counts = observations.image(observations.counts.astype(np.float32))
-        repeated = (counts > 1).astype(int)
-        around = repeated[:-2, 1:-1] + repeated[2:, 1:-1] + repeated[1:-1, :-2] + repeated[1:-1, 2:]
-        dotted[rule] = int(((counts[1:-1, 1:-1] == 1) & (around >= 3) & is_smooth).sum())
-    assert dotted["mutual"] > 20
-    assert dotted["depth"] == 0
-
-
-@pytest.mark.parametrize("rule", ["mutual", "depth"])
-def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits(rule: str) -> None:
+def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits() -> None:
     codes = np.array([0, 10, 128, 255])  # IEC 61966-2-1: linear 0, .003035270, .215860500, 1
     target = flat_view("a", lambda X, Y: np.broadcast_to(codes[[0, 1, 2]] / 255, (*X.shape, 3)), 0)
     white = flat_view("b", lambda X, Y: np.ones((*X.shape, 3)), 0.1)
-    observations = observe(target, [target, white], rule=rule, encoding="linear", with_view=True)
+    observations = observe(target, [target, white], encoding="linear", with_view=True)
     assert observations.colour.dtype == np.uint16
     assert set(map(tuple, observations.colour[:, observations.view == 0].T.tolist())) == {
         (0, 199, 14146)
@@ -240,23 +178,22 @@ def test_views_that_are_linear_already_are_not_decoded_again() -> None:
     assert observations.colour.dtype == np.uint8
 
 
-@pytest.mark.parametrize("rule", ["mutual", "depth"])
-def test_colours_that_are_not_finite_are_no_observations(rule: str) -> None:
+def test_colours_that_are_not_finite_are_no_observations() -> None:
     def holed(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         rgb = ramp(X, Y)
         rgb[5, 6, 1], rgb[9, 9] = np.nan, np.inf
         return rgb
 
     whole, same_place = flat_view("a", ramp, 0), flat_view("b", holed, 0)
-    twice = observe(whole, [whole, same_place], rule=rule)
+    twice = observe(whole, [whole, same_place])
     assert np.isfinite(twice.colour).all()
     assert sorted(twice.pixels[twice.counts == 1]) == [5 * 32 + 6, 9 * 32 + 9]
     assert len(twice) == 2 * 24 * 32 - 2
-    once = observe(same_place, [same_place], rule=rule)
+    once = observe(same_place, [same_place])
     assert not np.isin([5 * 32 + 6, 9 * 32 + 9], once.pixels).any()
     blank = flat_view("a", lambda X, Y: np.full((*X.shape, 3), np.nan), 0)
     with pytest.raises(SolveError, match=r"^a: .*depth and colour;"):
-        observe(blank, [blank], rule=rule)
+        observe(blank, [blank])
 
 
 class Watched:
@@ -299,7 +236,7 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
         View("away.png", away, make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi)),
         View("hidden.png", hidden, make_camera(40, 30, 40), make_pose((0, 0, 0))),
     ]
-    assert observe(TARGET, views, rule="depth").views == ("a.png",)
+    assert observe(TARGET, views).views == ("a.png",)
     assert away.loaded == []
     assert hidden.loaded == ["depth"]
 
@@ -341,9 +278,5 @@ def test_too_little_memory_is_told_early_and_in_one_line(
 
 
 def test_wrong_options_are_told_with_what_there_is() -> None:
-    with pytest.raises(InputError, match=r"^rule=mutal: .*'mutual'.* depth, mutual$"):
-        observe(TARGET, SCENE.views, rule="mutal")
     with pytest.raises(InputError, match=r"^encoding=log: unknown; known: linear, view$"):
         observe(TARGET, SCENE.views, encoding="log")
-    with pytest.raises(InputError, match=r"^tolerance=3: "):
-        observe(TARGET, SCENE.views, rule="depth", tolerance=3)

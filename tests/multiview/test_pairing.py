@@ -6,7 +6,7 @@ from math import floor
 
 import numpy as np
 import pytest
-from support.made_scene import hit, make_camera, make_pose, make_scene, make_view
+from support.made_scene import make_camera, make_pose, make_scene, make_view
 
 from sucre_bench import Arrays, Camera, InputError, View
 from sucre_bench.multiview.pairing import Matches, Surface, lift, match, visible_pixels
@@ -77,86 +77,6 @@ def test_pairs_are_those_of_a_literal_float64_reading(name: str) -> None:
         assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
 
 
-def literal_agreement(
-    target: View, other: View, tolerance: float
-) -> tuple[dict[int, tuple[float, ...]], set[int]]:
-    """The rule by depth, a pixel at a time in float64: flat pixel -> (other, distance, x, y, smooth), and doubtful."""
-    pairs, doubtful = {}, set()
-    there = other.cam_from_world @ np.linalg.inv(target.cam_from_world)
-    rows, columns = other.depth.shape
-    for v1, u1 in np.argwhere(target.depth > 0):
-        pixel = int(v1 * target.camera.width + u1)
-        ray = np.linalg.inv(target.camera.K) @ [u1 + 0.5, v1 + 0.5, 1]
-        point = (there @ np.append(ray * float(target.depth[v1, u1]), 1))[:3]
-        if point[2] <= 0:
-            continue
-        x, y = (other.camera.K @ point)[:2] / point[2]
-        u2, v2 = floor(x), floor(y)
-        if not (0 <= u2 < columns and 0 <= v2 < rows):
-            continue
-        left, top = floor(x - 0.5), floor(y - 0.5)
-        around = [(v, u) for v in (top, top + 1) for u in (left, left + 1)]
-        inside = all(0 <= v < rows and 0 <= u < columns for v, u in around)
-        depths = np.array(
-            [float(other.depth[at]) for at in [(v2, u2), *(around if inside else [])]]
-        )
-        error = np.where(depths > 0, np.abs(point[2] - depths) / point[2], np.inf)
-        near_border = any(abs(2 * c - round(2 * c)) < BORDER_PX for c in (x, y))
-        if near_border or (np.abs(error - tolerance) < 1e-5).any():
-            doubtful.add(pixel)
-        elif error[0] <= tolerance:
-            smooth = inside and bool((error <= tolerance).all())
-            pairs[pixel] = (v2 * columns + u2, float(np.linalg.norm(point)), x, y, smooth)
-    return pairs, doubtful
-
-
-@pytest.mark.parametrize("name", OTHERS)
-@pytest.mark.parametrize("tolerance", [0.03, 0.004])
-def test_pairs_by_depth_are_those_of_a_literal_float64_reading(name: str, tolerance: float) -> None:
-    expected, doubtful = literal_agreement(TARGET, SCENE[name], tolerance)
-    found = match(lift(TARGET), SCENE[name], "depth", tolerance)
-    pairs = {
-        int(p): (o, z, *at, s)
-        for p, o, z, at, s in zip(
-            found.pixels, found.others, found.distance, found.at, found.smooth, strict=True
-        )
-    }
-    assert len(expected) > 500
-    assert len(doubtful) < 0.05 * len(expected)
-    assert 0 < sum(pair[4] for pair in expected.values()) < len(expected)
-    assert pairs.keys() - doubtful == expected.keys()
-    for pixel, (other, distance, x, y, smooth) in expected.items():
-        assert pairs[pixel][0] == other
-        assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
-        assert pairs[pixel][2:4] == pytest.approx((x, y), abs=1e-4)
-        assert pairs[pixel][4] == smooth
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_by_depth_every_point_in_view_is_paired_and_no_hidden_one(name: str) -> None:
-    other, surface = SCENE[name], lift(TARGET)
-    found = np.isin(surface.pixels, match(surface, other, "depth").pixels)
-    centre = np.linalg.inv(other.cam_from_world)[:3, 3]
-    towards = surface.points.T.astype(np.float64) - centre  # the target's frame is the world's
-    # The other view's rays are apart by a pixel: what it sees of an outline is known to that, and so to 0.1 m here.
-    shifts = 0.1 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    # 1 where the point itself is the first
-    first = np.stack([hit(centre, towards + shift) for shift in shifts])
-    camera = (other.cam_from_world[:3, :3] @ towards.T).T
-    xy = (camera @ other.camera.K.T)[:, :2] / camera[:, 2:]
-    in_view = (camera[:, 2] > 0) & (
-        (xy >= 0) & (xy < [other.camera.width, other.camera.height])
-    ).all(axis=-1)
-    visible = in_view & (np.abs(first[0] - 1) < 1e-3) & (np.abs(first - 1) < 0.1).all(axis=0)
-    hidden = (first < 0.9).all(axis=0)
-    assert visible.sum() > 500
-    assert found[visible].all()
-    assert not found[hidden].any()
-    assert not found[~in_view].any()
-    if name == "side.png":
-        assert hidden.sum() > 20
-
-
 def everywhere(surface: Surface) -> Surface:
     """The surface with tiles that reach a kilometre in every direction: every view may see them."""
     corner = np.array(list(itertools.product((-1e3, 1e3), repeat=3))).T  # (3, 8)
@@ -188,13 +108,12 @@ def test_culling_never_drops_a_match() -> None:
         for _ in range(40)
     ]
     views = [make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)]
-    kept = [(match(surface, view), match(surface, view, "depth")) for view in views]
+    kept = [match(surface, view) for view in views]
     share_seen = visible_pixels(surface, views) / len(surface.pixels)
     for culled, view, share in zip(kept, views, share_seen, strict=True):
-        for some, rule in zip(culled, ("mutual", "depth"), strict=True):
-            everything = match(everywhere(surface), view, rule)
-            assert set(everything.pixels) == (set(some.pixels) if some is not None else set())
-            assert len(everything.pixels) <= share * len(surface.pixels)
+        everything = match(everywhere(surface), view)
+        assert set(everything.pixels) == (set(culled.pixels) if culled is not None else set())
+        assert len(everything.pixels) <= share * len(surface.pixels)
     assert (share_seen == 0).sum() > 5  # there was something to cull,
     assert ((share_seen > 0) & (share_seen < 1)).sum() > 10  # in whole and in part
 

@@ -58,7 +58,7 @@ def assert_equal(one: Observations, other: Observations) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"rule": "depth", "encoding": "linear"}, {"with_view": True, "with_ray": True}],
+    [{}, {"encoding": "linear"}, {"with_view": True, "with_ray": True}],
     ids=str,
 )
 def test_what_is_kept_equals_what_memory_holds_and_is_reused_without_reading(
@@ -86,11 +86,10 @@ def test_methods_share_what_they_pair_while_there_is_room(tmp_path: Path) -> Non
 
     assert n_read(1e9) > 0
     assert n_read(1e9) == 0
-    assert n_read(1e9, rule="mutual", encoding="view", with_ray=False) == 0  # as it is by default
-    assert n_read(1e9, tolerance=0.1) == 0  # which this rule does not look at
-    assert n_read(1.0, rule="depth") > 0  # the folder is full by now
-    assert n_read(1e9, rule="depth") > 0
-    assert n_read(1e9, rule="depth") == 0
+    assert n_read(1e9, encoding="view", with_ray=False) == 0  # as it is by default
+    assert n_read(1.0, encoding="linear") > 0  # the folder is full by now
+    assert n_read(1e9, encoding="linear") > 0
+    assert n_read(1e9, encoding="linear") == 0
 
 
 def test_other_data_views_targets_options_or_source_are_made_anew(
@@ -102,8 +101,8 @@ def test_other_data_views_targets_options_or_source_are_made_anew(
         "data": lambda s: stored(replace(s, data_id="4567"), s["a.png"], tmp_path),
         "views": lambda s: stored(replace(s, views=s.views[1:]), s["a.png"], tmp_path),
         "target": lambda s: stored(s, s["side.png"], tmp_path),
-        "option": lambda s: stored(s, s["a.png"], tmp_path, rule="depth"),
-        "value": lambda s: stored(s, s["a.png"], tmp_path, rule="depth", tolerance=0.01),
+        "option": lambda s: stored(s, s["a.png"], tmp_path, encoding="linear"),
+        "value": lambda s: stored(s, s["a.png"], tmp_path, encoding="linear", with_ray=True),
     }
     for make in others.values():
         fresh = counted_scene()

@@ -65,25 +65,6 @@ def test_no_random_start_leads_an_independent_minimiser_to_a_lower_plausible_wat
         assert found.cost[channel] <= min(costs) * (1 + 1e-6)
 
 
-def test_one_coefficient_is_the_minimum_of_eq_1_and_its_errors_are_those_of_two_unknowns() -> None:
-    observations, _ = made(3_000, 5, distances_m=(2, 6), noise=0.01, seed=3)
-    found = fit(observations, backend="numpy", one_coefficient=True)
-    rows, error = found.water.by_channel(), found.uncertainty.standard_error.by_channel()
-    for channel in range(3):
-
-        def residuals(B_alpha: np.ndarray, c: int = channel) -> np.ndarray:
-            return reduced_residuals(observations, c, B_alpha[[0, 1, 1]])
-
-        end = least_squares(residuals, (0.2, 0.2), bounds=(0, (1, 5)), xtol=1e-12)
-        np.testing.assert_allclose(rows[channel], end.x[[0, 1, 1]], rtol=1e-3)
-        noise = 2 * end.cost / (observations.n_excess - 3)
-        np.testing.assert_allclose(
-            error[channel],
-            np.sqrt(noise * np.diag(np.linalg.inv(end.jac.T @ end.jac)))[[0, 1, 1]],
-            rtol=0.01,
-        )
-
-
 @pytest.mark.parametrize("water", WATERS)
 def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(
     water: Water,

@@ -44,7 +44,7 @@ def plain() -> Restoration:
 
 def test_the_image_is_the_scene_without_water_where_there_is_depth() -> None:
     dry = make_scene_without_water()
-    result = sucre(pairing="depth").restore(SCENE, TARGET)
+    result = sucre().restore(SCENE, TARGET)
     assert np.array_equal(result.valid, TARGET.depth > 0)
     error = (result.image - dry)[result.valid]
     assert np.sqrt(np.mean(error**2)) < 0.03
