@@ -234,7 +234,7 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
     views = [
         TARGET,
         View("away.png", away, make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi)),
-        View("hidden.png", hidden, make_camera(40, 30, 40), make_pose((0, 0, 0))),
+        View("hidden.png", hidden, make_camera(40, 30, 40), make_pose((0.5, 0, 0))),
     ]
     assert observe(TARGET, views).views == ("a.png",)
     assert away.loaded == []
