@@ -11,7 +11,7 @@ import subprocess
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import plugins, results
+from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.preflight import check
 from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
@@ -178,8 +178,6 @@ def run_launched(config: DictConfig) -> float | None:
     """
     from hydra.core.hydra_config import HydraConfig
 
-    for file in config.plugins:
-        plugins.load_file(str(file))
     ours = HydraConfig.get()
     keys = [word.lstrip("+").partition("=")[0] for word in ours.overrides.task]
     # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.

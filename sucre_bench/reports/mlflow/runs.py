@@ -117,7 +117,7 @@ class Runs:
             "sucre_bench": environment.get("sucre_bench"),
         }
         name = self._out.resolve().name
-        self._parent = self._begin(name, {}, {"params": shared}, shared, tags, when)
+        self._parent = self._begin(name, {"params": shared}, shared, tags, when)
         return self._parent
 
     def begin(self, job: JobKey, when: int | None = None) -> Run:
@@ -129,6 +129,8 @@ class Runs:
             note = [f"**{job.method}** on **{job.dataset}**."]
             note += [plugin.summary, plugin.cites] if plugin else []
             tags = {
+                "dataset": job.dataset,
+                "method": job.method,
                 "mlflow.parentRunId": self._parent.id,
                 "mlflow.runColor": style.own_look(job.method).colour,
                 "mlflow.note.content": "\n\n".join(filter(None, note)),
@@ -136,21 +138,18 @@ class Runs:
                 "code": job.code,
             }
             name = f"{job.method} on {job.dataset}"
-            labels = {"dataset": job.dataset, "method": job.method}
-            identity = job._asdict()
-            self._children[job] = self._begin(name, labels, identity, job.params, tags, when)
+            self._children[job] = self._begin(name, job._asdict(), job.params, tags, when)
         return self._children[job]
 
     def _begin(
         self,
         name: str,
-        labels: Mapping[str, str],
         identity: Mapping[str, Any],
         params: Mapping[str, str],
         tags: Mapping[str, str | None],
         when: int | None,
     ) -> Run:
-        """A run that begins, or goes on. labels: of dataset and method, of which only the newest run is `latest`."""
+        """A run that begins, or goes on. Only the newest run of a dataset and a method is `latest`."""
         own = {
             "mlflow.source.name": "sucre-bench",
             "mlflow.source.type": "LOCAL",
@@ -158,14 +157,13 @@ class Runs:
             "folder": self.note.folder,
             "job": fingerprint(identity)[1],
             "latest": "yes",
-            **labels,
+            **{tag: value[:LONGEST_TAG] for tag, value in tags.items() if value},
         }
         for other in self._known.values():
             of_other = other.data.tags
-            is_alike = all(of_other.get(one) == labels.get(one) for one in ("dataset", "method"))
+            is_alike = all(of_other.get(one) == own.get(one) for one in ("dataset", "method"))
             if is_alike and of_other["job"] != own["job"]:
                 self._client.set_tag(other.info.run_id, "latest", "no")
-        own |= {tag: value[:LONGEST_TAG] for tag, value in tags.items() if value}
         known = self._known.get(own["job"])
         with interrupts_held_back():  # else nobody would end it
             if known:
