@@ -348,3 +348,27 @@ def test_what_a_run_keeps_comes_in_again(bench, toys: str, tmp_path: Path):
     assert set(both["view"]) == {"v0.png", "v2.png"}
     np.testing.assert_allclose(both["value_again"], both["value"])
     assert both["seconds_again"].isna().all()
+
+
+def test_resizing_makes_no_colour_up_where_there_is_none(tmp_path: Path):
+    small = RGB[:2, :3].copy()
+    small[0, 0] = np.nan
+    np.save(tmp_path / "a.npy", small)
+    image = restored(tmp_path, resize=True).image
+    assert np.isnan(image[:2, :2]).all()
+    assert np.isfinite(image[:, 5]).all()
+    assert np.nanmax(image) <= np.nanmax(small)
+
+
+def test_a_view_never_gets_another_views_image(tmp_path: Path):
+    touch(tmp_path, "right/a.png")
+    with pytest.raises(NotApplicableError, match=r" left/a or a "):
+        find_image(tmp_path, "left/a.png", ["left/a.png", "right/a.png"])
+
+
+@pytest.mark.parametrize("told", ["raw", ["gamma"], 2])
+def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
+    write(tmp_path / "a.png", LEVELS)
+    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "encoding": told}))
+    with pytest.raises(InputError, match=r"a\.json: encoding .*gamma, linear or view"):
+        restored(tmp_path)
