@@ -399,7 +399,7 @@ class Metashape(ImageScaleOption):
                 self._photograph(
                     images, camera, *named[camera], depths.get(maps[camera]), component.scale or 1.0
                 )
-                for camera in sorted(component.cameras, key=lambda camera: named[camera][0])
+                for camera in component.cameras
             ]
             with_depth = any(photograph.depth for photograph in photographs)
             how = (

@@ -159,7 +159,7 @@ class Nerfstudio(ImageScaleOption):
                 found.append((f"{path}: frame {n}", photograph))
                 masks += [] if mask is None else [mask]
         check_images((place, one.name, one.fault) for place, one in found)
-        photographs = sorted((one for _, one in found), key=lambda one: one.name)
+        photographs = [one for _, one in found]
         with_depth = any(photograph.depth is not None for photograph in photographs)
         more = (sorted(units), [fingerprint(mask) for mask in masks]) if with_depth else ()
         yield scene_of(root.resolve().name, photographs, self.image_scale, self.encoding, *more)

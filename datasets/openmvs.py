@@ -85,7 +85,6 @@ class Openmvs(ImageScaleOption):
                 )
             )
         check_images((str(one.depth), one.name, one.fault) for one in photographs)
-        photographs.sort(key=lambda photograph: photograph.name)
         yield scene_of(
             root.resolve().name, photographs, self.image_scale, self.encoding, self.metres_per_unit
         )

@@ -4,7 +4,7 @@ A run decodes a file once: its processes, methods and targets map the pixels fro
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,7 @@ from sucre_bench.machine import cache
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.provenance import engine_hash
+from sucre_bench.machine.text_formats import natural_order
 from sucre_bench.scene import Chart, Encoding, Plane, Scene, View
 
 
@@ -184,15 +185,18 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
 
 def scene_of(
     name: str,
-    photographs: Sequence[Photograph],
+    photographs: Iterable[Photograph],
     image_scale: float = 1.0,
     encoding: Encoding = "gamma",
     *more: object,
 ) -> Scene:
-    """Return the scene of photographs, which has what any of them has. Reads headers and samples of their files.
+    """Return the scene of photographs in natural order, which has what any of them has.
+
+    Reads headers and samples of their files.
 
     more: what decides the views besides their files, for the data id. Raises InputError as `view_of` does.
     """
+    photographs = sorted(photographs, key=lambda one: natural_order(one.name))
     views = [
         view_of(photograph, image_scale, encoding)
         for photograph in track(photographs, "image sizes")

@@ -190,6 +190,18 @@ def test_paths_of_another_computer_are_found_by_folder_and_name(tmp_path: Path) 
         _ = load(tmp_path).views[0].rgb
 
 
+def test_views_stand_in_natural_order(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+
+    def change(content: dict[str, Any]) -> None:
+        for name, frame in zip((10, 9), content["frames"], strict=True):
+            (tmp_path / frame["file_path"]).rename(tmp_path / f"images/{name}.png")
+            frame["file_path"] = f"images/{name}.png"
+
+    edit(change)(tmp_path)
+    assert [view.name for view in load(tmp_path)] == ["images/9.png", "images/10.png"]
+
+
 def test_intrinsics_may_stand_with_each_frame(tmp_path: Path) -> None:
     write_scene(tmp_path)
     own = {**INTRINSICS, "w": WIDTH, "h": HEIGHT}
