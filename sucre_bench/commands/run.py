@@ -66,7 +66,7 @@ def run(
     sucre-bench run dataset=demo method=gray_world
     sucre-bench run dataset=./dive method=sucre_plus method.fill=true
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
-    sucre-bench run -m method.pairing=mutual,depth workers=2
+    sucre-bench run -m method.light=auto,even workers=2
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
     sucre-bench run experiment=table1
     sucre-bench run my_experiment.yaml out=results
@@ -77,7 +77,7 @@ def run(
     sucre-bench run --json dataset=demo method=gray_world | jq .table
 
     Every word is key=value. dataset=, method= and metrics=[a,b] choose plugins (`sucre-bench list`). An option of a
-    plugin follows a dot: method.pairing=depth. With -m, the command runs every combination of the values with commas
+    plugin follows a dot: method.light=even. With -m, the command runs every combination of the values with commas
     between them. An option after a method's name is for that method alone. An experiment is a file of Hydra with all of
     this; a word of the command replaces the same key of the file. Everything of Hydra works: its grammar, launchers,
     sweepers and callbacks.

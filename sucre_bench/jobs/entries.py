@@ -10,7 +10,6 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
-from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind
 from sucre_bench.jobs.catalogue import (
     is_path,
@@ -122,18 +121,11 @@ class Entries:
                 raise InputError(f"{given!r} has no name", f"hydra.sweeper.{kind}s", remedy)
             entry = _entry(kind, options[kind])
             own = {str(name): value for name, value in options.items() if name != kind}
-            lacking = absent(*named(kind, entry.name).requires)
             known = {*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])}
             if unknown := own.keys() - known:
                 option = min(unknown)
                 raise unknown_name(f"{entry.name}.{option}", option, known)
-            # A study needs all of its own methods; other experiments go without what lacks an extra.
-            has_study = configs.selected(asked.config, "study.name") if asked.config else ""
-            is_ours = asked.experiment.startswith("experiment=") and not has_study
-            if is_ours and lacking and lacking.is_extra:
-                say(f"{own.get('label') or entry.name} is left out: {lacking}")
-            else:
-                entries.append(Entry(entry.name, {**entry.options, **own}))
+            entries.append(Entry(entry.name, {**entry.options, **own}))
         return tuple(entries)
 
     def _chosen(self, kind: Kind) -> tuple[Entry, ...]:

@@ -84,7 +84,7 @@ class Job(RunConfig):
 
 
 def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
-    """A choice whose label has the swept options: "sucre,pairing=depth". A path counts by its last part.
+    """A choice whose label has the swept options: "sucre,light=even". A path counts by its last part.
 
     A label with {OPTION} in it has that value there instead: "gain {strength}". InputError for an unknown option.
     """

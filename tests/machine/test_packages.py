@@ -17,7 +17,7 @@ from sucre_bench.machine import provenance
 @pytest.mark.parametrize(
     ("words", "hidden", "place", "extra"),
     [
-        (["run", "method=sucre_paper"], "torch", "method 'sucre_paper'", "torch"),
+        (["run", "method=tacl", "method.weights=photos/a.jpg"], "torch", "method 'tacl'", "torch"),
         (["run", "method=sucre", "method.backend=jax"], "jax", "method.backend=jax", "jax"),
         (
             ["run", "method=sucre_plus", "method.backend=torch"],
@@ -72,24 +72,8 @@ def test_a_run_without_mlflow_and_torch_is_silent_about_them(
     assert "mlflow" not in done.stdout + done.stderr
     listed = json.loads(bench("list", "methods", "--json").stdout)
     installed = {one["name"]: one["installed"] for one in listed if "installed" in one}
-    assert not any(installed[name] for name in ("sucre_paper", "onnx", "water_net"))
-    assert all(installed[name] for name in ("sucre", "sucre_plus", "gray_world"))
-
-
-def test_an_experiment_goes_on_without_a_method_that_lacks_an_extra(
-    bench, monkeypatch: pytest.MonkeyPatch, small_demo
-):
-    hide(monkeypatch, "torch")
-    done = bench("run", "-m", "experiment=demo", *small_demo, "--dry-run")
-    assert done.returncode == 0, done.stderr
-    assert (
-        "sucre_paper is left out: torch is not installed; pip install 'sucre-bench[torch]'"
-        in done.stderr
-    )
-    assert "sucre_plus" in done.stdout
-    refused = bench("run", "-m", "experiment=residuals", *small_demo, "--dry-run")
-    assert refused.returncode == 2
-    assert "method 'sucre_paper': torch is not installed" in refused.stderr
+    assert not any(installed[name] for name in ("tacl", "onnx", "water_net"))
+    assert all(installed[name] for name in ("sucre", "sucre_paper", "gray_world"))
 
 
 def test_a_package_that_is_too_old_or_does_not_import_is_named(
