@@ -1,7 +1,8 @@
 """The model of a dive, chosen by what it predicts in unseen views: on made ground whose water and light are known."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre import Sucre, SucrePlus, judge
 from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
 from sucre_bench.methods.sucre.models import Fit, Model
 from sucre_bench.methods.sucre.observed import Dive
 from sucre_bench.methods.sucre.solution import Judged
+from sucre_bench.plugins.call_method import shown_with
 
 GROUND = {
     "width": 160,
@@ -184,3 +186,60 @@ def test_one_model_needs_no_judge(plain: Scene) -> None:
     result = even().restore(replace(plain, views=plain.views[2:4]), plain.views[2])
     assert result.info["solver"] == "exact"
     assert not any("judge" in limit for limit in result.info["limits"])
+
+
+def test_a_run_keeps_its_verdict_for_other_processes(
+    plain: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A process is what begins with an empty memory, and `judged` counts those that judge the dive themselves."""
+    model = Model(Fit.PIXELS, is_robust=True, light=Parts(1, lens=True))
+    judged_once = Judged(
+        model=model.words,
+        held_out=0.4,
+        negative=[0.0, 0.01, 0.02],
+        drift=3.0,
+        drift_of_photograph=5.0,
+    )
+    found = Verdict(model, (judged_once,))
+    judged: list[str] = []
+
+    def judge_dive(scene: Scene, *_: object) -> Verdict:
+        judged.append(scene.data_id)
+        return found
+
+    def process(scene: Scene, options: Sucre, *, in_run: bool = True) -> Verdict:
+        chosen_model.cache_clear()
+        with shown_with("", in_run=in_run):
+            return verdict(scene, options)
+
+    monkeypatch.setattr(judge, "user_cache", lambda: tmp_path)
+    monkeypatch.setattr(judge, "_judged", judge_dive)
+    reef, wreck = replace(plain, data_id="reef"), replace(plain, data_id="wreck")
+    first, second = process(reef, Sucre()), process(reef, SucrePlus())
+    assert (second.model, len(second.judged)) == (first.model, 1)
+    assert asdict(second.judged[0]) == asdict(judged_once)
+    assert judged == ["reef"]
+    process(wreck, Sucre())
+    process(reef, Sucre(robust=False))
+    assert judged == ["reef", "wreck", "reef"]
+    # A program may have changed a scene, and left its data_id.
+    process(reef, Sucre(), in_run=False)
+    assert len(judged) == 4
+    for file in tmp_path.rglob("*.json"):
+        file.write_text("{")
+    process(reef, Sucre())
+    process(reef, Sucre())
+    assert len(judged) == 5
+    chosen_model.cache_clear()
+
+
+def test_without_a_place_for_it_a_verdict_is_found_again(
+    plain: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(judge, "user_cache", lambda: tmp_path / "file")
+    monkeypatch.setattr(judge, "_judged", lambda *_: Verdict(Model(Fit.EARLY)))
+    chosen_model.cache_clear()
+    with shown_with("", in_run=True):
+        assert verdict(replace(plain, data_id="reef"), Sucre()).model.fit is Fit.EARLY
+    chosen_model.cache_clear()
