@@ -144,4 +144,4 @@ def _device_for(device: Device) -> Literal["cpu", "cuda"]:
     """Return where to compute. PyTorch is imported only where there is a GPU: it takes seconds."""
     if device == "cpu" or (device == "auto" and (absent("torch") or gpu() is None)):
         return "cpu"
-    return "cuda" if backend_for("torch", device)[1] == "cuda" else "cpu"
+    return backend_for("torch", device)[1]

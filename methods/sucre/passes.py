@@ -72,7 +72,9 @@ def opened(
     )
 
 
-def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax"], str]:
+def backend_for(
+    backend: Backend, device: Device
+) -> tuple[Literal["numba", "torch", "jax"], Literal["cpu", "cuda"]]:
     """Return which backend computes where. auto: the compiled loops, unless a GPU is asked for.
 
     On an H100, PyTorch and JAX took twice as long as the loops did on the 16 processors beside it

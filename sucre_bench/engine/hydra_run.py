@@ -180,7 +180,7 @@ def run_launched(config: DictConfig) -> float | None:
 
     ours = HydraConfig.get()
     keys = [word.lstrip("+").partition("=")[0] for word in ours.overrides.task]
-    # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.
+    # Another sweeper gives a job no label: the options that it sets make one.
     shared = ours.job.config.override_dirname.exclude_keys
     is_labelled = "method.label" in keys
     swept = () if is_labelled else [key for key in keys if "." in key and key not in shared]

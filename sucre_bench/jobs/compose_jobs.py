@@ -122,7 +122,7 @@ def _settings(
 ) -> dict[str, Word]:
     """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
 
-    pair: empty for all datasets and methods; keys: is told how the user typed them.
+    pair: empty for all datasets and methods; keys: receives each key as the user typed it.
     """
     settings: dict[str, Word] = {}
     for kind in KINDS:

@@ -194,9 +194,9 @@ def current(config: DictConfig) -> Iterator[None]:
 
 
 def defaults(config: str = "") -> dict[str, str]:
-    """Return the defaults of a file, by default the first: what is chosen of each group, "" for a config by its path.
+    """Return what the defaults list of a config chooses, by group; for a config that it names by its path, "".
 
-    Nothing of it is imported.
+    config: by default the one that Hydra begins with. Nothing of it is imported.
     """
     found = loader().repository.load_config(config or config_name()).defaults_list
     return {

@@ -36,7 +36,7 @@ class Entry:
     """Of a plugin or a preset."""
 
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Also its label and, for a method, its display; for a dataset `degrade`, what is done to it first."""
+    """Its label is among them. A method has its display, too, and a dataset what degrades it."""
 
     is_one_of_many: bool = False
     """Whether labels must name its options, which tell it from others of its name."""

@@ -39,7 +39,10 @@ def is_stored_in_full() -> bool:
 
 
 def is_in_run() -> bool:
-    """Return whether a run calls the method: then equal data_id are equal scenes, which a program may have changed."""
+    """Return whether a run calls the method.
+
+    A run passes scenes as a dataset gave them, so an equal data_id means equal data. A program may have changed them.
+    """
     return _WANTED.get()[2]
 
 
