@@ -25,7 +25,7 @@ _HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mea
 
 
 @click.command()
-@shared.words_argument("words", "[DATASET|FOLDER] [KEY=VALUE]...", completion.complete_datasets)
+@shared.words_argument("words", "[DATASET|FOLDER] [KEY=VALUE]...", completion.complete_words)
 @shared.json_option
 @shared.option(
     "--sheet",

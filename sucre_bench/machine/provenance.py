@@ -1,26 +1,22 @@
 """What a result rests on: Python packages, `environment.json` with versions, commit and machine, and hashes of code.
 
 sucre_bench itself needs few packages. What one kind of work needs beside them stands in an extra, `sucre-bench[torch]`
-say. A hash of code does not change with comments, docstrings and the place of a definition.
+say. A hash of code is of the files' content; it does not change when a file is moved.
 """
 
 from __future__ import annotations
 
-import ast
 import functools
 import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
 import json
-import os
 import platform
 import re
 import subprocess
 import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,9 +25,8 @@ from packaging.requirements import Requirement
 
 from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError, one_line
-from sucre_bench.machine.cache import get_or_make
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.files import read_json, user_cache, write_atomically
+from sucre_bench.machine.files import read_json, write_atomically
 from sucre_bench.machine.text_formats import masked
 
 # Import name -> name in the package index, where the two differ.
@@ -253,9 +248,6 @@ _NUMERICS = (
 # Libraries that the numerics compute with. Those that plugins name come on top.
 _LIBRARIES = ("cv2", "numba", "numpy", "scipy", "skimage")
 
-# A file that changed less than so many seconds ago may change again without a new time stamp.
-_SETTLED_S = 2.0
-
 
 def engine_hash() -> str:
     """Return a hash of the engine's numerics, its version, and the libraries it computes with: 12 hex digits."""
@@ -269,110 +261,19 @@ def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: objec
     that counts, by its repr. Raises FileNotFoundError if a room of the numerics is not there.
     """
     engine = Path(__file__).parent.parent
-    numerics = (
-        engine / name if (engine / name).is_dir() else engine / f"{name}.py" for name in _NUMERICS
-    )
+    rooms = (engine / name for name in _NUMERICS)
+    numerics = [room if room.is_dir() else room.with_suffix(".py") for room in rooms]
     versions = [
         (name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})
     ]
-    code = _statements(*numerics).union(*map(_statements, places))
+    code = {digest for place in (*numerics, *places) for digest in _digests(place)}
     made_of = (sorted(code), version_of("sucre-bench"), versions, more)
     return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
 
 
-@functools.cache
-def _statements(*places: Path) -> frozenset[bytes]:
-    """Digests of every top-level statement of files, or of folders' Python files, and of the tables (.csv) there.
-
-    They are stored in the user's cache, with size and time of change of the files; not those of a user's own file.
-    """
-    inside = (place.rglob("*") if place.is_dir() else [place] for place in places)
-    files = sorted(file for found in inside for file in found if file.suffix in (".py", ".csv"))
-    if len(files) == 1 and not files[0].resolve().is_relative_to(
-        Path(__file__).resolve().parent.parent.parent
-    ):
-        return frozenset(_digests_of(files[0]))
-    states = [file.stat() for file in files]
-    rule = _digest(Path(__file__).read_bytes()).hex()  # digests of another rule are not taken
-    of = [
-        rule,
-        *(
-            [str(file), state.st_size, state.st_mtime_ns]
-            for file, state in zip(files, states, strict=True)
-        ),
-    ]
-
-    def read(path: Path) -> frozenset[bytes] | None:
-        with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
-            stored = json.loads(path.read_bytes())
-            return frozenset(map(bytes.fromhex, stored["digests"])) if stored["of"] == of else None
-        return None
-
-    def make(path: Path) -> frozenset[bytes]:
-        digests = frozenset(digest for file in files for digest in _digests_of(file))
-        if time.time() - max((state.st_mtime for state in states), default=0) > _SETTLED_S:
-            path.write_text(
-                json.dumps({"of": of, "digests": sorted(digest.hex() for digest in digests)})
-            )
-        return digests
-
-    try:
-        return get_or_make(
-            user_cache() / "code" / f"{_digest(repr(places).encode()).hex()}.json", read, make
-        )
-    except OSError:  # no place to write to
-        return make(Path(os.devnull))
-
-
-def _digests_of(file: Path) -> Iterator[bytes]:
-    """A digest for each top-level statement but imports of this package; of the file if it has none."""
-    content = file.read_bytes()
-    try:
-        body = None if file.suffix == ".csv" else ast.parse(content).body
-    except (SyntaxError, ValueError):
-        body = None
-    if body is None:
-        yield _digest(content)
-    for statement in body or ():
-        if not _is_no_code(statement):
-            yield _digest(repr(_syntax(statement)).encode())
-
-
-def _digest(content: bytes) -> bytes:
-    return hashlib.blake2b(content, digest_size=8).digest()
-
-
-def _syntax(node: object) -> object:
-    """A syntax tree as nested tuples, without positions, docstrings, imports from this package and empty fields.
-
-    `ast.dump` is not used: its output differs between versions of Python.
-    """
-    if isinstance(node, ast.AST):
-        fields = (
-            (name, _syntax(value))
-            for name, value in ast.iter_fields(node)
-            if name not in ("kind", "ctx")
-        )
-        return (
-            type(node).__name__,
-            *((name, value) for name, value in fields if value not in (None, ())),
-        )
-    if isinstance(node, list):
-        return tuple(_syntax(item) for item in node if not _is_no_code(item))
-    return node if isinstance(node, (str, bytes, int, float, complex, type(None))) else repr(node)
-
-
-def _is_no_code(node: object) -> bool:
-    """Whether a statement is a bare string (docstring, help of a field), an import of this package, or `__all__`."""
-    if isinstance(node, ast.Expr):
-        return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-    if isinstance(node, ast.ImportFrom):
-        return bool(node.level) or (node.module or "").split(".")[0] in (
-            "sucre_bench",
-            "__future__",
-        )
-    if isinstance(node, ast.Import):
-        return all(name.name.split(".")[0] == "sucre_bench" for name in node.names)
-    return isinstance(node, ast.Assign) and any(
-        isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets
-    )
+@functools.cache  # the code of this process is that of its start
+def _digests(place: Path) -> frozenset[str]:
+    """Digests of a file, or of the Python files and tables (.csv) of a folder, wherever in it they lie."""
+    files = place.rglob("*") if place.is_dir() else [place]
+    contents = (file.read_bytes() for file in files if file.suffix in (".py", ".csv"))
+    return frozenset(hashlib.blake2b(one, digest_size=8).hexdigest() for one in contents)

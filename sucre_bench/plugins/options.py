@@ -399,8 +399,8 @@ def read_by_options(
 def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     """Return a hash of what makes a result: the code of the plugins and of the engine's numerics, and further files.
 
-    Code counts as syntax: comments, docstrings, the module a definition stands in, and which module it is imported
-    from change nothing. The versions of the engine and of the libraries it computes with count.
+    Code counts as it stands in its files, comments too; where in a folder a file lies does not. The versions of the
+    engine and of the libraries it computes with count.
 
     Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
     hidden files and `__pycache__`.

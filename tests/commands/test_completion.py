@@ -42,36 +42,19 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run -m method=clahe,gray_w", ["method=clahe,gray_world"]),
         ("sucre-bench run experiment=table", ["experiment=table1"]),
         ("sucre-bench run dataset=colm", ["dataset=colmap"]),
-        ("sucre-bench run metrics=psn", ["metrics=[psnr]"]),
-        ("sucre-bench run metrics=psi,psn", ["metrics=[psi,psnr]"]),
-        ("sucre-bench run 'metrics=[psn", ["metrics=[psnr]"]),
-        ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
-        (
-            "sucre-bench run method=sucre method.encoding=",
-            ["method.encoding=view", "method.encoding=linear"],
-        ),
-        # of the method that runs by default
-        (
-            "sucre-bench run method.physical=t",
-            ["method.physical=true"],
-        ),
+        ("sucre-bench run metrics=psn", ["metrics=psnr"]),
+        ("sucre-bench run 'metrics=[psn", ["metrics=[psnr"]),
+        ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr"]),
+        ("sucre-bench run method.phys", ["method.physical="]),  # of the method that runs by default
         ("sucre-bench run method=sucre_torch method.enc", ["method.encoding="]),  # of a preset
-        ("sucre-bench run method=gray_world method.encoding=", []),
-        ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
+        ("sucre-bench run method=gray_world method.enc", []),
         ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
         ("sucre-bench run shard.", ["shard.index=", "shard.count="]),
-        ("sucre-bench run overwrite=n", ["overwrite=never"]),
-        ("sucre-bench run report=", ["report=true", "report=false"]),
         ("sucre-bench run nothing.like=", []),
         ("sucre-bench run -m method=sucre,onnx onn", ["onnx."]),
         ("sucre-bench run -m method=sucre,onnx onnx.mod", ["onnx.model="]),
-        ("sucre-bench run -m method=gray_world,sucre sucre.encoding=l", ["sucre.encoding=linear"]),
-        (
-            "sucre-bench run -m method=gray_world,sucre method.encoding=l",
-            ["method.encoding=linear"],
-        ),
-        ("sucre-bench run -m method=gray_world,sucre baseline=gr", ["baseline=gray_world"]),
-        ("sucre-bench run 'metrics=[psnr,uciqe:mat", ["metrics=[psnr,uciqe:matlab]"]),
+        ("sucre-bench run -m method=gray_world,sucre method.enc", ["method.encoding="]),
+        ("sucre-bench run 'metrics=[psnr,uciqe:mat", ["metrics=[psnr,uciqe:matlab"]),
         ("sucre-bench describe colm", ["colmap"]),
         ("sucre-bench describe colmap dataset.roo", ["dataset.root="]),
         ("sucre-bench score x --metrics psi,psn", ["psi,psnr"]),
@@ -84,16 +67,11 @@ def test_words_are_completed(offered, line: str, words: list[str]):
     assert offered(line) == words
 
 
-def test_every_method_is_offered_with_what_it_is(monkeypatch: pytest.MonkeyPatch, capsys, offered):
+def test_every_method_is_offered(offered):
     from sucre_bench import plugins
 
     names = {word.removeprefix("method=") for word in offered("sucre-bench run method=")}
     assert set(plugins.discover("method")) <= names
-    monkeypatch.setenv("COMP_WORDS", "sucre-bench run method=gray_w")
-    monkeypatch.setenv("COMP_CWORD", "method=gray_w")
-    shell_complete(cli, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE", "fish_complete")
-    name, _, said = capsys.readouterr().out.strip().partition("\t")
-    assert (name, said) == ("plain,method=gray_world", plugins.find("method", "gray_world").summary)
 
 
 def test_paths_are_completed_also_behind_an_equals_sign(
@@ -145,12 +123,10 @@ def test_bash_completes_a_line_on_tab(tmp_path: Path):
     lines = {
         "run method=gray_w": "run method=gray_world",
         "run meth": "run method",  # may become method= and method.
-        "run overwrite=n": "run overwrite=never",
-        "run metrics=psn": "run metrics=[psnr]",
-        "run metrics=psnr,psi": "run metrics=[psnr,psi]",
-        "run metrics=[psi,psn": "run metrics=[psi,psnr]",
-        "run 'metrics=[psn": "run 'metrics=[psnr]'",
-        "run metrics=[uciqe:mat": "run metrics=[uciqe:matlab]",
+        "run metrics=psn": "run metrics=psnr",
+        "run metrics=[psi,psn": "run metrics=[psi,psnr",
+        "run 'metrics=[psn": "run 'metrics=[psnr'",
+        "run metrics=[uciqe:mat": "run metrics=[uciqe:matlab",
         "run out=a": r"run out=a\ dir/",
         r"run out=a\ ": r"run out=a\ dir/",
         "run 'out=a": "run 'out=a dir/'",
