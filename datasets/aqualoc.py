@@ -22,6 +22,7 @@ import numpy as np
 
 from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Array
+from sucre_bench.camera import pose_of
 from sucre_bench.imaging.image_files import first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, walk
 from sucre_bench.loading.image_folder import image_names
@@ -135,31 +136,23 @@ def _poses(path: Path) -> dict[int, Array]:
     """Return cam_from_world (4, 4) by frame."""
     from scipy.spatial.transform import Rotation
 
-    with reading(path, "copy the file again"):
-        lines = regular(path).read_text(encoding="utf-8").splitlines()
     poses = {}
-    for number, line in enumerate(lines, 1):
-        cells = line.replace(",", " ").split()
-        if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):
-            # a header
-            continue
-        try:
-            frame, *values = (float(cell) for cell in cells)
-            if (
-                len(values) != 7
-                or not np.isfinite(values).all()
-                or abs(np.linalg.norm(values[3:]) - 1) > 1e-2
-            ):
-                raise ValueError("not seven numbers with a unit quaternion")
-        except ValueError as fault:
-            expected = "frame tx ty tz qx qy qz qw"
-            raise InputError(
-                f"{path}: line {number} is no pose ({fault}); expected {expected}"
-            ) from fault
-        world_from_cam = np.eye(4)
-        world_from_cam[:3, :3] = Rotation.from_quat(values[3:]).as_matrix()
-        world_from_cam[:3, 3] = values[:3]
-        poses[round(frame)] = np.linalg.inv(world_from_cam)
-    if not poses:
-        raise InputError(f"{path}: holds no pose; copy the file again")
+    with reading(path, "copy the file again, of lines frame tx ty tz qx qy qz qw"):
+        lines = regular(path).read_text(encoding="utf-8").splitlines()
+        for number, line in enumerate(lines, 1):
+            cells = line.replace(",", " ").split()
+            if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):
+                # a header
+                continue
+            try:
+                frame, *values = (float(cell) for cell in cells)
+            except ValueError:
+                values = []
+            is_whole = len(values) == 7 and np.isfinite(values).all()
+            if not is_whole or abs(np.linalg.norm(values[3:]) - 1) > 1e-2:
+                raise ValueError(f"line {number} is no pose")
+            rotation = Rotation.from_quat(values[3:]).as_matrix()
+            poses[round(frame)] = np.linalg.inv(pose_of(rotation, np.array(values[:3])))
+        if not poses:
+            raise ValueError("it holds no pose")
     return poses

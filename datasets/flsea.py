@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench import InputError, dataset
+from sucre_bench.arrays import Size
 from sucre_bench.imaging.image_files import first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, scene_name
 from sucre_bench.loading.image_folder import image_names
@@ -94,7 +95,7 @@ class Flsea(ImageScaleOption):
             ]
             yield scene_of(scene_name(dive, root), photographs, self.image_scale)
 
-    def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
+    def _lens(self, dive: Path, root: Path, size: Size) -> Lens | None:
         if self.calibration is not None:
             return read_kalibr(expanded(self.calibration), size)
         places = [

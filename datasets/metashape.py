@@ -28,7 +28,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.camera import centred_camera, is_rigid
+from sucre_bench.camera import centred_camera, intrinsics, is_rigid, pose_of
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import (
@@ -40,7 +40,7 @@ from sucre_bench.loading.find_folders import (
     inside,
     without_suffix,
 )
-from sucre_bench.loading.lens import Lens, lens_of
+from sucre_bench.loading.lens import Lens, Model, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.progress import say
@@ -190,7 +190,7 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
     """
     sensors = {str(sensor.get("id")): sensor for sensor in chunk.element.iterfind("sensors/sensor")}
     cameras = list(_cameras(chunk.element.find("cameras")))
-    poses = {str(camera.get("id")): _pose(camera, document) for camera, _ in cameras}
+    poses = {str(camera.get("id")): _pose(camera) for camera, _ in cameras}
     lenses: dict[str, Lens] = {}
     members: dict[str, list[Aligned]] = {}
     worlds = {str(c.get("id")): c for c in chunk.element.iterfind("components/component")}
@@ -199,13 +199,11 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
         if camera.get("enabled", "true") in ("false", "0") or camera.get("label") is None:
             continue
         if sensor not in sensors:
-            raise InputError(
-                f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_EXPORT}"
-            )
+            raise ValueError(f"camera '{camera.get('label')}' has no sensor {sensor}")
         pose = poses[number]
         master = poses.get(str(camera.get("master_id")))
         if pose is None and master is not None:
-            pose = master @ _offset(sensors[sensor], document)
+            pose = master @ _offset(sensors[sensor])
         if pose is None:
             continue
         if sensor not in lenses:
@@ -220,9 +218,8 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
             Aligned(stem, named, lenses[sensor], np.linalg.inv(world_from_cam))
         )
     if not members:
-        raise InputError(
-            f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_EXPORT}"
-        )
+        fault = f"none of its {len(cameras)} cameras is aligned"
+        raise InputError(fault, document, f"run Align Photos, {_EXPORT}")
     used = sum(map(len, members.values()))
     if used < len(cameras):
         say(
@@ -245,47 +242,39 @@ def _cameras(parent: Element | None, group: str = "") -> Iterator[tuple[Element,
             yield from _cameras(element, element.get("label", ""))
 
 
-def _pose(camera: Element, document: Path) -> Array | None:
-    text = camera.findtext("transform")
-    if text is None:
-        return None
-    pose = np.array(text.split(), dtype=np.float64).reshape(4, 4)
-    if not is_rigid(pose):
-        raise InputError(
-            f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_EXPORT}"
-        )
+def _numbers(element: Element, tag: str, *shape: int) -> Array | None:
+    """The numbers of a part of an element, in a shape; None if it has no such part."""
+    text = element.findtext(tag)
+    return None if text is None else np.array(text.split(), dtype=np.float64).reshape(shape)
+
+
+def _pose(camera: Element) -> Array | None:
+    pose = _numbers(camera, "transform", 4, 4)
+    if pose is not None and not is_rigid(pose):
+        raise ValueError(f"the transform of camera '{camera.get('label')}' is not rigid")
     return pose
 
 
-def _offset(sensor: Element, document: Path) -> Array:
+def _offset(sensor: Element) -> Array:
     """The pose (4, 4) of a rig's camera in its master's frame."""
-    offset = np.eye(4)
-    rotation, location = sensor.findtext("rotation"), sensor.findtext("location")
+    rotation, location = _numbers(sensor, "rotation", 3, 3), _numbers(sensor, "location", 3)
     if rotation is None and location is None:
-        raise InputError(
-            f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_EXPORT}"
-        )
-    if rotation is not None:
-        offset[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
-    if location is not None:
-        offset[:3, 3] = np.array(location.split(), dtype=np.float64)
+        raise ValueError(f"sensor '{sensor.get('label')}' has no place on its rig")
+    turn = np.eye(3) if rotation is None else rotation
+    offset = pose_of(turn, np.zeros(3) if location is None else location)
     if not is_rigid(offset):
-        raise InputError(
-            f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_EXPORT}"
-        )
+        raise ValueError(f"the rotation of sensor '{sensor.get('label')}' is none")
     return offset
 
 
 def _world(component: Element | None, chunk: Element) -> tuple[Array, float | None]:
     """The rotation, as (4, 4), and the scale from the chunk's frame to the world; None where there is no scale."""
-    turn = np.eye(4)
     of_component = component.find("transform") if component is not None else None
     transform = of_component if of_component is not None else chunk.find("transform")
     if transform is None:
-        return turn, None
-    rotation, scale = transform.findtext("rotation"), transform.findtext("scale")
-    if rotation is not None:
-        turn[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
+        return np.eye(4), None
+    rotation, scale = _numbers(transform, "rotation", 3, 3), transform.findtext("scale")
+    turn = pose_of(np.eye(3) if rotation is None else rotation, np.zeros(3))
     if not is_rigid(turn) or (scale is not None and not 0 < float(scale) < np.inf):
         raise ValueError(f"a transform with rotation {rotation} and scale {scale}")
     return turn, None if scale is None else float(scale)
@@ -319,18 +308,12 @@ def _lens(sensor: Element, document: Path) -> Lens:
     if size is None:
         raise InputError(f"{place} has no resolution; {_EXPORT}")
     width, height = int(size.get("width", "")), int(size.get("height", ""))
-    if not (
-        f > 0 and f + b1 > 0 and width > 0 and height > 0 and np.isfinite([f, cx, cy, b1, b2]).all()
-    ):
-        raise InputError(
-            f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_EXPORT}"
-        )
-    camera = Camera(
-        np.array([[f + b1, b2, width / 2 + cx], [0, f, height / 2 + cy], [0, 0, 1]]), width, height
-    )
-    return lens_of(
-        camera, "fisheye" if fisheye else "perspective", (k1, k2, k3, k4), (p2, p1, p3, p4)
-    )
+    K = intrinsics(f + b1, f, width / 2 + cx, height / 2 + cy, b2)
+    if not (min(f, f + b1, width, height) > 0 and np.isfinite(K).all()):
+        fault = f"has {width}x{height} pixels and f = {f:g}, which no camera has"
+        raise InputError(fault, place, _EXPORT)
+    model: Model = "fisheye" if fisheye else "perspective"
+    return lens_of(Camera(K, width, height), model, (k1, k2, k3, k4), (p2, p1, p3, p4))
 
 
 @dataset(

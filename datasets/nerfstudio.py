@@ -21,7 +21,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
-from sucre_bench.camera import is_rigid
+from sucre_bench.camera import intrinsics, is_rigid
 from sucre_bench.errors import InputError, MissingFileError, in_one_line
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import DEPTH_SUFFIXES, depth_suffix, read_depth
@@ -299,15 +299,10 @@ def _lens(frame: _Frame, image: Path, path: Path, place: str) -> Lens:
             f"{place}: has no usable fl_x, w and h, nor camera_angle_x; add them to {path.name}"
         )
     cx, cy = width / 2 if cx is None else cx, height / 2 if cy is None else cy
-    camera = Camera(
-        np.array([[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]]), round(width), round(height)
-    )
-    return lens_of(
-        camera,
-        "fisheye" if model in _FISHEYE else "perspective",
-        tuple(k),
-        () if model in _FISHEYE else tuple(p),
-    )
+    camera = Camera(intrinsics(fl_x, fl_y, cx, cy), round(width), round(height))
+    if model in _FISHEYE:
+        return lens_of(camera, "fisheye", tuple(k), ())
+    return lens_of(camera, "perspective", tuple(k), tuple(p))
 
 
 def _focal(frame: _Frame, key: str, side: float, place: str) -> float | None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
-from sucre_bench.camera import is_rigid
+from sucre_bench.camera import is_rigid, pose_of
 from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.find_folders import ImageFolder, check_images, existing
 from sucre_bench.loading.lens import Lens
@@ -145,10 +145,7 @@ def read_header(path: Path) -> Header:
         numbers = np.array(take("21d"))
         K = numbers[:9].reshape(3, 3).copy()
         R = numbers[9:18].reshape(3, 3)
-        C = numbers[18:]
-        cam_from_world = np.eye(4)
-        cam_from_world[:3, :3] = R
-        cam_from_world[:3, 3] = -R @ C
+        cam_from_world = pose_of(R, -R @ numbers[18:])
         if not (
             np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))
         ):

@@ -21,10 +21,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sucre_bench import InputError, dataset, track
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Size
 from sucre_bench.camera import centred_camera
 from sucre_bench.imaging.chart_patches import scaled_chart
-from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, resized, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.d5_charts import FULL_SIZE, published_charts
@@ -50,7 +50,7 @@ from sucre_bench.scene import Chart, Encoding, Scene
 RAW_SUFFIXES = (".arw", ".nef", ".dng")
 
 
-def raw_size(path: Path) -> tuple[int, int] | None:
+def raw_size(path: Path) -> Size | None:
     """Return (width, height) of the developed image; None where the file is damaged, which decoding will explain."""
     rawpy = _rawpy(path)
     try:
@@ -60,13 +60,11 @@ def raw_size(path: Path) -> tuple[int, int] | None:
         return None
 
 
-def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
+def read_raw(path: Path, size: Size | None = None) -> Array:
     """Return the developed image (H, W, 3) float32 in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
     Raises InputError for a file that cannot be read, or where rawpy is not installed.
     """
-    import cv2
-
     rawpy = _rawpy(path)
     with reading(path, "copy it again"), rawpy.imread(str(path)) as raw:
         counts = raw.postprocess(
@@ -79,15 +77,7 @@ def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
             output_bps=16,
             user_flip=0,
         )
-    image = counts.astype(np.float32) / np.float32(65535)
-    height, width = image.shape[:2]
-    if size is not None and (width, height) != size:
-        if not same_shape((width, height), size):
-            raise InputError(
-                f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; use the file as released"
-            )
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(image)
+    return resized(counts.astype(np.float32) / np.float32(65535), size, path)
 
 
 def _rawpy(path: Path) -> Any:
@@ -198,9 +188,7 @@ class Seathru(ImageScaleOption):
             photographs.append(photograph)
         return scene_of(name, photographs, self.image_scale, self.encoding)
 
-    def _charts(
-        self, place: Path, sizes: Mapping[str, tuple[int, int]]
-    ) -> Mapping[str, Sequence[Chart]]:
+    def _charts(self, place: Path, sizes: Mapping[str, Size]) -> Mapping[str, Sequence[Chart]]:
         """Return the charts of each image, corners in its pixels."""
         file = place / expanded(self.charts)
         if file.is_file():

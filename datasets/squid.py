@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, is_rigid, pixel_rays, scaled_camera
+from sucre_bench.camera import Camera, is_rigid, pixel_rays, pose_of, scaled_camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
@@ -169,11 +169,8 @@ def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
             _numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation")
         )
         units = np.asarray(_plain(_field(stored, "WorldUnits"))).ravel()
-        right_from_left = np.eye(4)
-        right_from_left[:3, :3] = rotation.reshape(3, 3).T
-        right_from_left[:3, 3] = (
-            translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
-        )
+        metres = _METRES[str(units[0]) if units.size else "mm"]
+        right_from_left = pose_of(rotation.reshape(3, 3).T, translation.reshape(3) * metres)
         if not is_rigid(right_from_left):
             raise ValueError("RotationOfCamera2 is no rotation")
     return cameras, right_from_left

@@ -26,7 +26,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.camera import centred_camera
+from sucre_bench.camera import centred_camera, is_rigid, pose_of
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
@@ -191,37 +191,17 @@ def _times(path: Path, frames: list[int]) -> dict[int, int]:
 
 def _poses(path: Path) -> tuple[Array, Array]:
     """Return the times (N,) in nanoseconds, ascending, and cam_from_world (N, 4, 4)."""
-    rows = list(_rows(path))
-    header = [re.sub(r"\s*\[.*", "", cell).strip() for cell in rows[0]] if rows else []
-    absent = [name for name in _MATRIX if name not in header]
-    if absent:
-        raise InputError(
-            f"{path}: has no column {absent[0]}; expected a time in ns and {', '.join(_MATRIX)}"
-        )
-    columns = [0, *(header.index(name) for name in _MATRIX)]
-    try:
-        values = np.array(
-            [[float(row[column]) for column in columns] for row in rows[1:]], dtype=np.float64
-        )
-    except (ValueError, IndexError) as fault:
-        raise InputError(
-            f"{path}: a row is cut short or no number ({fault}); copy the file again"
-        ) from fault
-    if len(values) == 0:
-        raise InputError(f"{path}: holds no pose; copy the file again")
-    world_from_cam = np.tile(np.eye(4), (len(values), 1, 1))
-    world_from_cam[:, :3, :3] = rotation = values[:, 1:10].reshape(-1, 3, 3)
-    world_from_cam[:, :3, 3] = values[:, 10:]
-    proper = np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(
-        axis=(1, 2)
-    )
-    proper &= np.linalg.det(rotation) > 0
-    if not proper.all():
-        raise InputError(
-            f"{path}: row {int(np.argmin(proper)) + 2} holds no rotation; copy the file again"
-        )
-    order = np.argsort(values[:, 0], kind="stable")
-    return values[order, 0], np.linalg.inv(world_from_cam[order])
+    with reading(path, f"copy the file again, with a time in ns and {', '.join(_MATRIX)}"):
+        header, *rows = _rows(path)
+        names = [re.sub(r"\s*\[.*", "", cell).strip() for cell in header]
+        columns = [0, *(names.index(name) for name in _MATRIX)]
+        values = np.array([[float(row[k]) for k in columns] for row in rows], dtype=np.float64)
+        world_from_cam = [pose_of(one[1:10].reshape(3, 3), one[10:]) for one in values]
+        for number, pose in enumerate(world_from_cam, 2):
+            if not is_rigid(pose):
+                raise ValueError(f"row {number} holds no rotation")
+        order = np.argsort(values[:, 0], kind="stable")
+        return values[order, 0], np.linalg.inv(np.stack(world_from_cam)[order])
 
 
 def _rows(path: Path) -> list[list[Any]]:

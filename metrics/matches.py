@@ -8,13 +8,12 @@ and poses put the point, within 1 % of the image's diagonal. The geometry is kno
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, locked, once
+from sucre_bench.arrays import AnyArray, Array, Mask, locked, once
 from sucre_bench.camera import depth_at, moved, project, relative_pose, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
@@ -115,7 +114,7 @@ def _keypoints(shown: Array) -> _Keypoints:
     """The keypoints of a picture (H, W, 3) in [0, 1], NaN = no colour."""
     import cv2
 
-    usable: npt.NDArray[Any] = np.asarray(np.isfinite(shown).all(axis=-1), np.uint8)
+    usable: AnyArray = np.asarray(np.isfinite(shown).all(axis=-1), np.uint8)
     luma = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
     sums, counts = (
         cv2.blur(
@@ -123,9 +122,7 @@ def _keypoints(shown: Array) -> _Keypoints:
         )
         for values in (luma * usable, usable)
     )
-    gray: npt.NDArray[Any] = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(
-        np.uint8
-    )
+    gray: AnyArray = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(np.uint8)
     small = reduced(gray, _SIDE_PX)
     size = small.shape[1::-1]
     usable = cv2.resize(usable, size, interpolation=cv2.INTER_NEAREST)

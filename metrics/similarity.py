@@ -9,12 +9,10 @@ as black, as most published tables do. Each score's coverage is the share of the
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
+from sucre_bench.arrays import AnyArray, Array, Mask, coloured_pixels, locked
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
 from sucre_bench.imaging.reference_images import known_in_both, psnr_of, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
@@ -22,7 +20,7 @@ from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
-Image = npt.NDArray[Any]
+Image = AnyArray
 RADIUS = 5  # the widest window reaches so far
 # rows a thread takes at a time; columns whose sums stay in the processor's cache
 _BAND, _TILE = (

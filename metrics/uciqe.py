@@ -17,12 +17,12 @@ picture's palette: each colour once, times how often it occurs.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, locked, once
+from sucre_bench.arrays import AnyArray, Array, locked, once
 from sucre_bench.imaging.cielab import lab_d50_of_linear
 from sucre_bench.imaging.encoding import Palette, eight_bit, palette, srgb_decode
 from sucre_bench.imaging.percentiles import ValueCounts
@@ -79,7 +79,7 @@ class Uciqe:
         yield Score(value, n_pixels=picture.n_valid, coverage=picture.n_valid / picture.valid.size)
 
 
-def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
+def uciqe(shown: AnyArray, variant: str = "yang2015") -> float:
     """Return UCIQE of a picture (H, W, 3) in [0, 1], some of it with a colour (Yang & Sowmya 2015).
 
     variant: one of the metric's.
@@ -136,11 +136,11 @@ def _weigh(sigma_c: float, con_l: float, mu_s: float, saturation: float = 0.2576
 # -- spread and contrast -------------------------------------------------------------------------------------
 
 
-def _mean(x: npt.NDArray[Any], counts: npt.NDArray[np.int64]) -> float:
+def _mean(x: AnyArray, counts: npt.NDArray[np.int64]) -> float:
     return float((x * counts).sum() / counts.sum())
 
 
-def _deviation(c: npt.NDArray[Any], counts: npt.NDArray[np.int64]) -> float:
+def _deviation(c: AnyArray, counts: npt.NDArray[np.int64]) -> float:
     return float(np.sqrt(_mean((c - _mean(c, counts)) ** 2, counts)))
 
 
@@ -174,7 +174,7 @@ _IN_BYTES = ("yang2015", "range-contrast", "ratio", "centred")
 
 
 @once
-def _lab(shown: npt.NDArray[Any], space: Space) -> Array:
+def _lab(shown: AnyArray, space: Space) -> Array:
     """L, a, b (3, U) float64 of the picture's colours."""
     rgb = palette(shown).rgb
     if space == "bytes":
@@ -193,7 +193,7 @@ def _lab(shown: npt.NDArray[Any], space: Space) -> Array:
 
 
 @once
-def _lightness(shown: npt.NDArray[Any], space: Space) -> ValueCounts:
+def _lightness(shown: AnyArray, space: Space) -> ValueCounts:
     L = _lab(shown, space)[0]
     counts = palette(shown).counts
     if space == "cie":

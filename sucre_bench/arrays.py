@@ -15,6 +15,8 @@ Array = npt.NDArray[np.floating[Any]]
 Indices = npt.NDArray[np.integer[Any]]
 Mask = npt.NDArray[np.bool_]
 Picture = npt.NDArray[np.uint8]
+AnyArray = npt.NDArray[Any]  # of numbers of any type
+Size = tuple[int, int]  # (width, height) of an image, pixels
 
 CHANNELS = ("red", "green", "blue")  # of the last axis of images
 

@@ -154,10 +154,22 @@ def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:
     return bool(is_near and np.linalg.det(R) > 0)  # False with NaN
 
 
+def pose_of(rotation: Array, translation: Array) -> Array:
+    """Return the transform (4, 4) of a rotation (3, 3) and a translation (3,)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = translation
+    return pose
+
+
+def intrinsics(focal_x: float, focal_y: float, x: float, y: float, skew: float = 0) -> Array:
+    """Return K (3, 3) of focal lengths and a principal point, pixels."""
+    return np.array([[focal_x, skew, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64)
+
+
 def centred_camera(focal_px: float, width: int, height: int) -> Camera:
     """Return the camera of square pixels whose axis meets the middle of the image."""
-    K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]], dtype=np.float64)
-    return Camera(K, width, height)
+    return Camera(intrinsics(focal_px, focal_px, width / 2, height / 2), width, height)
 
 
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:

@@ -113,16 +113,13 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
             folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16)
         )
     # COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`.
-    K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
-    camera = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
-    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"]
-    for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True)):
+    K = made.camera.K
+    size = f"{made.camera.width} {made.camera.height}"
+    images = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"
+    for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True), 1):
         quaternion = np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)  # w first
         numbers = " ".join(repr(float(x)) for x in (*quaternion, *pose[:3, 3]))
-        lines.append(f"{i + 1} {numbers} 1 {name}\n\n")
-    texts = {"sparse/cameras.txt": "# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + camera}
-    texts |= {"sparse/images.txt": "".join(lines)}
-    texts |= {"sparse/points3D.txt": "# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n"}
+        images += f"{i} {numbers} 1 {name}\n\n"
     charts = {
         name: {
             chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()}
@@ -131,19 +128,18 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
         for name, of_view in zip(made.names, made.charts, strict=True)
     }
     water: dict[str, Any] = {"preset": made.preset}
-    water |= {
-        name: getattr(made.water, name).tolist()
-        for name in ("veiling_light", "attenuation", "backscatter")
-    }
+    for parameter in ("veiling_light", "attenuation", "backscatter"):
+        water[parameter] = getattr(made.water, parameter).tolist()
     if made.preset == "deep_sea":
-        lamp = render.LAMP
-        water |= {
-            "lamp_from_cam": lamp.lamp_from_cam.tolist(),
-            "lamp_covariance": lamp.covariance.tolist(),
-        }
-    texts |= {
-        name: json.dumps(content, indent=1) + "\n"
-        for name, content in (("charts.json", {"images": charts}), (LAST, water))
+        water["lamp_from_cam"] = render.LAMP.lamp_from_cam.tolist()
+        water["lamp_covariance"] = render.LAMP.covariance.tolist()
+    texts = {
+        "sparse/cameras.txt": f"# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n"
+        f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n",
+        "sparse/images.txt": images,
+        "sparse/points3D.txt": "# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n",
+        "charts.json": json.dumps({"images": charts}, indent=1) + "\n",
+        LAST: json.dumps(water, indent=1) + "\n",
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench import Chart, Water
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, moved, pixel_rays, project
+from sucre_bench.camera import Camera, intrinsics, moved, pixel_rays, pose_of, project
 from sucre_bench.datasets.demo import Preset, water_of
 from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample
 from sucre_bench.machine.compute import compiled, usable_cores
@@ -168,10 +168,8 @@ _PLACE = (0.1, 0.45, 0.15)
 
 def make_camera(width: int, height: int) -> Camera:
     """Return a camera with a horizontal field of 64 degrees, its principal point a little off the centre."""
-    f = 0.8 * width
-    return Camera(
-        np.array([[f, 0, 0.503 * width], [0, f, 0.496 * height], [0, 0, 1.0]]), width, height
-    )
+    focal = 0.8 * width
+    return Camera(intrinsics(focal, focal, 0.503 * width, 0.496 * height), width, height)
 
 
 def make_path(views: int, seed: int) -> Array:
@@ -201,12 +199,9 @@ def _look(centre: Array, ahead: Array, roll: float) -> Array:
     right = np.cross(ahead, (0, 0, 1.0))
     right /= np.linalg.norm(right)
     down = np.cross(ahead, right)
-    pose = np.eye(4)
-    pose[0, :3] = np.cos(roll) * right + np.sin(roll) * down
-    pose[1, :3] = np.cos(roll) * down - np.sin(roll) * right
-    pose[2, :3] = ahead
-    pose[:3, 3] = -pose[:3, :3] @ centre
-    return pose
+    across = np.cos(roll) * right + np.sin(roll) * down
+    turn = np.stack([across, np.cos(roll) * down - np.sin(roll) * right, ahead])
+    return pose_of(turn, -turn @ centre)
 
 
 _GRAZING = 0.2  # cosine; at flatter angles a footprint is not drawn out any longer
@@ -315,12 +310,10 @@ def _lamp(
         np.cos(np.deg2rad((right_deg, down_deg))),
         np.sin(np.deg2rad((right_deg, down_deg))),
     )
-    pose = np.eye(4)
-    pose[:3, :3] = np.array([[1, 0, 0], [0, cb, -sb], [0, sb, cb]]) @ np.array(
+    turn = np.array([[1, 0, 0], [0, cb, -sb], [0, sb, cb]]) @ np.array(
         [[ca, 0, -sa], [0, 1, 0], [sa, 0, ca]]
     )
-    pose[:3, 3] = pose[:3, :3] @ (left, above, 0)
-    return Lamp(pose, np.reshape(covariance, (2, 2)))
+    return Lamp(pose_of(turn, turn @ (left, above, 0)), np.reshape(covariance, (2, 2)))
 
 
 LAMP = _lamp(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, intrinsics, pose_of
 from sucre_bench.datasets.nature import Nature, PathName, WaterName
 from sucre_bench.datasets.nature.conditions import Condition
 from sucre_bench.datasets.nature.seabed import FAR_M, RAYS, Seabed, make_seabed, octaves
@@ -65,16 +65,14 @@ def _poses(path: PathName, views: int, rng: np.random.Generator) -> Iterator[Arr
         right = right / np.linalg.norm(right)
         roll = rng.normal(0, 0.03)
         across = np.cos(roll) * right + np.sin(roll) * np.cross(ahead, right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([across, np.cross(ahead, across), ahead])
-        pose[:3, 3] = -pose[:3, :3] @ (centre + rng.normal(0, 0.03, 3))
-        yield pose
+        turn = np.stack([across, np.cross(ahead, across), ahead])
+        yield pose_of(turn, -turn @ (centre + rng.normal(0, 0.03, 3)))
 
 
 def camera_of(width: int, height: int) -> Camera:
     """Return the camera of all views: 64 degrees wide, its principal point a little off the centre."""
-    K = np.array([[0.8 * width, 0, 0.502 * width], [0, 0.8 * width, 0.497 * height], [0, 0, 1]])
-    return Camera(K, width, height)
+    focal = 0.8 * width
+    return Camera(intrinsics(focal, focal, 0.502 * width, 0.497 * height), width, height)
 
 
 def render(options: Nature) -> dict[str, Array]:
@@ -143,13 +141,31 @@ def _see(
 ) -> tuple[Array, Array, Array]:
     """Return light at the lens (H, W, 3), the ground without water in even light (H, W, 3), and depth (H, W)."""
     caustics = _caustics(rng) if spec.caustics else None
+    B, beta, gamma = water
+
+    def of_pixels(first: int, last: int) -> tuple[Array, ...]:
+        """Direct light, veil and ground (P, 3), depth and distance (P,) of pixels, row by row."""
+        distance, points = seabed.cast(camera.K, pose, camera.width, first, last)
+        is_open = distance < 0
+        ground = 0.5 + spec.contrast * (seabed.albedo(points) - 0.5)
+        ground[is_open] = 0
+        t = np.where(is_open, 1e3, distance)[..., None]
+        even = ground.mean(axis=1)
+        if caustics is not None:
+            ground = ground * (1 + spec.caustics * caustics(points))
+        direct = spec.daylight * ground * np.exp(-beta * t)
+        veil = spec.daylight * (B * (1 - np.exp(-gamma * t))).mean(axis=1)
+        middle, is_open = points[:, _MIDDLE], is_open[:, _MIDDLE]
+        if spec.strobe_deg:
+            light = _strobe(pose, spec.strobe_deg, beta)
+            direct = direct + 4 * ground * light(points) * np.exp(-beta * t)
+            veil = veil + 4 * _scattered(light, middle, is_open, pose, B, gamma)
+        depth = np.where(is_open, 0, middle @ pose[2, :3] + pose[2, 3])
+        return direct.mean(axis=1), veil, even, depth, t[:, _MIDDLE, 0]
+
     n_pixels = camera.height * camera.width
-    blocks = [
-        _see_pixels(
-            seabed, camera, pose, spec, water, caustics, first, min(first + _AT_ONCE, n_pixels)
-        )
-        for first in range(0, n_pixels, _AT_ONCE)
-    ]
+    starts = range(0, n_pixels, _AT_ONCE)
+    blocks = [of_pixels(first, min(first + _AT_ONCE, n_pixels)) for first in starts]
     planes = [
         np.concatenate(plane).reshape(camera.height, camera.width, -1)
         for plane in zip(*blocks, strict=True)
@@ -164,42 +180,6 @@ def _see(
             stack[below + 1, v, u] - stack[below, v, u]
         )
     return direct + veil, ground, depth[..., 0]
-
-
-def _see_pixels(
-    seabed: Seabed,
-    camera: Camera,
-    pose: Array,
-    spec: Condition,
-    water: Array,
-    caustics: Callable[[Array], Array] | None,
-    first: int,
-    last: int,
-) -> tuple[Array, ...]:
-    """Return direct light, veil and ground (P, 3), depth and distance (P,) of pixels first to last, row by row."""
-    B, beta, gamma = water
-    distance, points = seabed.cast(camera.K, pose, camera.width, first, last)
-    is_open = distance < 0
-    ground = 0.5 + spec.contrast * (seabed.albedo(points) - 0.5)
-    ground[is_open] = 0
-    t = np.where(is_open, 1e3, distance)[..., None]
-    even = ground.mean(axis=1)
-    if caustics is not None:
-        ground = ground * (1 + spec.caustics * caustics(points))
-    direct = spec.daylight * ground * np.exp(-beta * t)
-    veil = spec.daylight * (B * (1 - np.exp(-gamma * t))).mean(axis=1)
-    if spec.strobe_deg:
-        light = _strobe(pose, spec.strobe_deg, beta)
-        direct = direct + 4 * ground * light(points) * np.exp(-beta * t)
-        veil = veil + 4 * _scattered(light, points[:, _MIDDLE], is_open[:, _MIDDLE], pose, B, gamma)
-    ahead = points[:, _MIDDLE] @ pose[2, :3] + pose[2, 3]
-    return (
-        direct.mean(axis=1),
-        veil,
-        even,
-        np.where(is_open[:, _MIDDLE], 0, ahead),
-        t[:, _MIDDLE, 0],
-    )
 
 
 def _caustics(rng: np.random.Generator) -> Callable[[Array], Array]:

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, locked, once
+from sucre_bench.arrays import AnyArray, Array, Mask, locked, once
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit, palette
 from sucre_bench.imaging.percentiles import ValueCounts
@@ -67,7 +67,7 @@ class Colourfulness:
     order: str = "RGB"
 
 
-def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> float:
+def uicm(shown: AnyArray, form: Colourfulness = Colourfulness()) -> float:
     """Return the colourfulness of a picture (H, W, 3) in [0, 1]; NaN where nothing has a colour."""
     opponents = _opponents(shown, form.wraparound, form.order)
     if not opponents:
@@ -94,7 +94,7 @@ def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> floa
 
 
 @once
-def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[ValueCounts, ...]:
+def _opponents(shown: AnyArray, wraparound: bool, order: str) -> tuple[ValueCounts, ...]:
     """R - G and (R + G) / 2 - B of every pixel."""
     colours = palette(shown)
     if not colours.counts.size:

@@ -1,12 +1,12 @@
 """Sharpness and contrast in UIQM, by blocks: the range of edges or levels (EME), and its entropy (logAMEE)."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, once
+from sucre_bench.arrays import AnyArray, Array, Mask, once
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit
 from sucre_bench.machine.compute import compiled
@@ -18,12 +18,12 @@ Plane = npt.NDArray[np.uint8]
 class Extremes:
     """least, most: (..., k1, k2), of every block, cut ones included."""
 
-    least: npt.NDArray[Any]
-    most: npt.NDArray[Any]
+    least: AnyArray
+    most: AnyArray
 
 
 @once
-def edge_extremes(shown: npt.NDArray[Any], side: int) -> Extremes:
+def edge_extremes(shown: AnyArray, side: int) -> Extremes:
     """Return the extremes (3, k1, k2) float64 of C |Sobel(C)| in each channel C of 8 bits."""
     picture = eight_bit(shown)
     found = _empty((3,), picture.valid.shape, side, np.float32)
@@ -33,7 +33,7 @@ def edge_extremes(shown: npt.NDArray[Any], side: int) -> Extremes:
 
 
 @once
-def level_extremes(shown: npt.NDArray[Any], side: int, weights: tuple[int, int, int]) -> Extremes:
+def level_extremes(shown: AnyArray, side: int, weights: tuple[int, int, int]) -> Extremes:
     """Return the extremes (k1, k2) int32 of a weighted sum of the 8-bit channels, whole numbers being its weights."""
     picture = eight_bit(shown)
     found = _empty((), picture.valid.shape, side, np.int32)
@@ -43,7 +43,7 @@ def level_extremes(shown: npt.NDArray[Any], side: int, weights: tuple[int, int, 
     return found
 
 
-def _level_extremes_of_channels(shown: npt.NDArray[Any], side: int) -> Extremes:
+def _level_extremes_of_channels(shown: AnyArray, side: int) -> Extremes:
     """Of each channel (3, k1, k2)."""
     planes = [level_extremes(shown, side, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     return Extremes(
@@ -52,7 +52,7 @@ def _level_extremes_of_channels(shown: npt.NDArray[Any], side: int) -> Extremes:
 
 
 @once
-def whole_blocks(shown: npt.NDArray[Any], side: int, margin: bool, cut: bool) -> Mask:
+def whole_blocks(shown: AnyArray, side: int, margin: bool, cut: bool) -> Mask:
     """Return which blocks (k1, k2) have a colour in every pixel.
 
     margin: in every neighbour of a pixel, too (the image's edge does no harm); cut: with the blocks that the edge cuts.
@@ -66,7 +66,7 @@ def whole_blocks(shown: npt.NDArray[Any], side: int, margin: bool, cut: bool) ->
 
 
 @once
-def _with_neighbours(shown: npt.NDArray[Any]) -> Mask:
+def _with_neighbours(shown: AnyArray) -> Mask:
     """Pixels whose 3x3 neighbours all have a colour."""
     import cv2
 
@@ -117,8 +117,8 @@ def _weighted_levels(
     planes: Plane,
     weights: npt.NDArray[np.int32],
     side: int,
-    least: npt.NDArray[Any],
-    most: npt.NDArray[Any],
+    least: AnyArray,
+    most: AnyArray,
 ) -> None:
     _, height, width = planes.shape
     low, high = np.empty(width, np.int32), np.empty(width, np.int32)
@@ -141,7 +141,7 @@ def _weighted_levels(
 
 
 @once
-def resized_extremes(shown: npt.NDArray[Any], side: int, edges: bool) -> Extremes:
+def resized_extremes(shown: AnyArray, side: int, edges: bool) -> Extremes:
     """Return the extremes (3, k1, k2) float64 of each 8-bit channel, resized to the next multiple of `side`.
 
     It is enlarged by cubic convolution (Keys 1981, a = -1/2; edges reflected), unrounded, so that values may leave 0 to
@@ -165,7 +165,7 @@ def resized_extremes(shown: npt.NDArray[Any], side: int, edges: bool) -> Extreme
 
 
 @once
-def whole_resized_blocks(shown: npt.NDArray[Any], side: int, margin: bool) -> Mask:
+def whole_resized_blocks(shown: AnyArray, side: int, margin: bool) -> Mask:
     """Return which blocks (k1, k2) of the resized picture are made of pixels with a colour alone.
 
     margin: and of such neighbours of pixels, as edges are.
@@ -259,7 +259,7 @@ class Contrast:
     fails_on_black: bool = False
 
 
-def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
+def uiconm(shown: AnyArray, form: Contrast = Contrast()) -> float:
     """Return the contrast of a picture (H, W, 3) in [0, 1]; NaN where no block is whole.
 
     NotApplicableError where the program that the form stands for has no result.
@@ -301,7 +301,7 @@ def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
     return float(_PLIP - _PLIP * np.exp(np.log1p(terms / _PLIP).mean()))
 
 
-def uiconm_blocks(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> Mask:
+def uiconm_blocks(shown: AnyArray, form: Contrast = Contrast()) -> Mask:
     """Return which blocks (k1, k2) have a colour in every pixel."""
     if form.levels == "each":
         return whole_resized_blocks(shown, form.block, margin=False)
@@ -343,7 +343,7 @@ class Sharpness:
     fractional: bool = False
 
 
-def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
+def uism(shown: AnyArray, form: Sharpness = Sharpness()) -> float:
     """Return the sharpness of a picture (H, W, 3) in [0, 1]; NaN where no block is whole.
 
     A block is whole where every pixel, and every neighbour of one, has a colour.
@@ -371,14 +371,14 @@ def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
     )
 
 
-def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
+def uism_blocks(shown: AnyArray, form: Sharpness = Sharpness()) -> Mask:
     """Return which blocks (k1, k2) are whole."""
     if form.edges == "resized":
         return whole_resized_blocks(shown, form.block, margin=True)
     return whole_blocks(shown, form.block, margin=True, cut=form.cut_blocks)
 
 
-def _share(shown: npt.NDArray[Any], whole: Mask, form: Sharpness | Contrast) -> float:
+def _share(shown: AnyArray, whole: Mask, form: Sharpness | Contrast) -> float:
     """Whole blocks over (H / side) (W / side) where the form divides by that, else 1."""
     return (
         whole.size / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block))
@@ -387,7 +387,7 @@ def _share(shown: npt.NDArray[Any], whole: Mask, form: Sharpness | Contrast) -> 
     )
 
 
-def eme(least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Zero = "nothing") -> float:
+def eme(least: AnyArray, most: AnyArray, zero: Zero = "nothing") -> float:
     """Return 2 x the mean of ln(most / least) over blocks (B,); its modulus, where values below 0 make it complex."""
     if zero == "almost":
         return float(2 * np.log(most / np.where(least == 0, 1, least) + 1e-5).mean())

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask, locked, once
+from sucre_bench.arrays import Array, Mask, Size, locked, once
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import ChartKind, Patch, chart_kind
 from sucre_bench.scene import Chart
@@ -60,7 +60,7 @@ def image_from_chart(corners: Array) -> Array:
     )
 
 
-def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
+def chart_mask(chart: Chart, size: Size) -> Mask:
     """Return (H, W) bool: the pixels whose centre lies within a chart's corners; size: (width, height).
 
     Raises InputError for corners that are not a convex quadrilateral in reading order.
@@ -129,7 +129,7 @@ def _readings(shown: Array, kind: ChartKind, corners: bytes) -> tuple[PatchReadi
     return tuple(readings)
 
 
-def scaled_chart(chart: Chart, size: tuple[int, int], target: tuple[int, int]) -> Chart:
+def scaled_chart(chart: Chart, size: Size, target: Size) -> Chart:
     """Return a chart whose corners are in pixels of an image of another size (width, height)."""
     return Chart(chart.name, chart.kind, chart.corners * np.divide(target, size))
 

@@ -10,9 +10,8 @@ from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import AnyArray, Array
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.provenance import load
@@ -48,7 +47,7 @@ def colour_science() -> ModuleType:
         return cast(ModuleType, load("ColorChecker SG and rare illuminants", "colour"))
 
 
-def lab_d50(srgb: npt.NDArray[Any]) -> Array:
+def lab_d50(srgb: AnyArray) -> Array:
     """Return CIE Lab under D50 of gamma-encoded sRGB (..., 3) in [0, 1], adapted from D65 by Bradford's transform."""
     return lab_d50_of_linear(srgb_decode(np.asarray(srgb, dtype=np.float64)))
 
@@ -58,7 +57,7 @@ def lab_d50_of_linear(rgb: Array) -> Array:
     return lab_d50_of_xyz(_mapped(_XYZ_OF_RGB, rgb), _white("D65"))
 
 
-def srgb_of_lab_d50(lab: npt.NDArray[Any]) -> Array:
+def srgb_of_lab_d50(lab: AnyArray) -> Array:
     """Return gamma-encoded sRGB of CIE Lab under D50 (..., 3), clipped to [0, 1]: a picture shows no more."""
     XYZ = _xyz_of_lab(np.asarray(lab, dtype=np.float64)) * _white("D50")
     return srgb_encode(_mapped(linear_srgb_of_xyz("D50"), XYZ)).clip(0, 1)
@@ -69,7 +68,7 @@ def linear_srgb_of_xyz(white: str | Array) -> Array:
     return _RGB_OF_XYZ @ _adaptation(white, "D65")
 
 
-def lab_d50_from(lab: npt.NDArray[Any], illuminant: str) -> Array:
+def lab_d50_from(lab: AnyArray, illuminant: str) -> Array:
     """Return CIE Lab under D50 of CIE Lab (..., 3) under another illuminant. InputError for one that is unknown."""
     white = _white(illuminant)
     if illuminant == "D50":
@@ -89,7 +88,7 @@ def lab_d50_of_xyz(XYZ: Array, white: Array) -> Array:
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def ciede2000(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
+def ciede2000(a: AnyArray, b: AnyArray) -> Array:
     """Return CIEDE2000 between CIE Lab colours a and b (..., 3), k_L = k_C = k_H = 1 (Sharma et al. 2005)."""
     from skimage.color import deltaE_ciede2000
 

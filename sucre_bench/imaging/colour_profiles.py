@@ -10,12 +10,10 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import AnyArray, Array
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.cielab import linear_srgb_of_xyz
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
@@ -229,7 +227,7 @@ def _curve(tag: bytes) -> Array:
     """The linear light of `_GRID`, by a tag "curv" or "para"."""
     number = int.from_bytes(tag[8:12])
     if tag[:4] == b"curv":
-        values: npt.NDArray[Any] = np.frombuffer(tag, ">u2", number, 12).astype(np.float64)
+        values: AnyArray = np.frombuffer(tag, ">u2", number, 12).astype(np.float64)
         if number < 2:
             return np.asarray(_GRID ** (values[0] / 256 if number else 1.0))
         return np.interp(_GRID, np.linspace(0, 1, number), values / 65535)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 _GAP, _TEXT = 8, 20  # pixels between the pairs of a contact sheet, and of the height of a caption
 
 
-def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
-    """Return a picture (H, W, 3) uint8 with a word on a dark ground in its upper left corner, or the right one.
+def captioned(picture: Picture, text: str) -> Picture:
+    """Return a picture (H, W, 3) uint8 with a word on a dark ground in its upper left corner.
 
     Letters are a thirtieth of the picture's height, at least 11 pixels; what does not fit its width is cut.
     """
@@ -32,8 +32,7 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     ImageDraw.Draw(plate).text((pad, high // 2), text, fill="white", font=font, anchor="lm")
     words = np.asarray(plate)[: picture.shape[0], : picture.shape[1]]
     marked = picture.copy()
-    place = slice(-words.shape[1], None) if right else slice(words.shape[1])
-    marked[: words.shape[0], place] = words
+    marked[: words.shape[0], : words.shape[1]] = words
     return marked
 
 

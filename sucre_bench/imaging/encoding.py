@@ -1,12 +1,11 @@
 """Encodings of intensities: sRGB gamma, linear, 8 bit; and the palette of an 8-bit picture."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, locked, once
+from sucre_bench.arrays import AnyArray, Array, Mask, locked, once
 from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Encoding
 
@@ -75,7 +74,7 @@ class Palette:
 
 
 @once
-def eight_bit(shown: npt.NDArray[Any]) -> EightBit:
+def eight_bit(shown: AnyArray) -> EightBit:
     """Round a picture (H, W, 3) in [0, 1] to 8 bits; a pixel has a colour where all three channels are finite."""
     height, width, _ = shown.shape
     planes, valid = np.empty((3, height, width), np.uint8), np.empty((height, width), np.bool_)
@@ -103,11 +102,11 @@ _FEW_PIXELS = 500_000  # that are sorted sooner than a table of all colours is s
 
 
 @once
-def palette(shown: npt.NDArray[Any]) -> Palette:
+def palette(shown: AnyArray) -> Palette:
     """Return the colours of a picture (H, W, 3) in [0, 1], rounded to 8 bits; none where nothing has a colour."""
     picture = eight_bit(shown)
-    codes: npt.NDArray[Any]
-    counts: npt.NDArray[Any]
+    codes: AnyArray
+    counts: AnyArray
     if picture.n_valid < _FEW_PIXELS:
         flat = picture.planes.reshape(3, -1)
         red, green, blue = (flat if picture.is_whole else flat[:, picture.valid.ravel()]).astype(

@@ -19,9 +19,8 @@ from types import ModuleType
 from typing import IO, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
 from sucre_bench.machine.files import frames_of, open_atomically, reading, regular, write_atomically
 from sucre_bench.machine.progress import say
@@ -68,7 +67,7 @@ PNG_HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk t
 OF_JPEG = png_chunk(b"tEXtSource\0JPEG")  # of a picture that was decoded from a JPEG file
 
 
-def image_size(file: Path | bytes) -> tuple[int, int] | None:
+def image_size(file: Path | bytes) -> Size | None:
     """Return (width, height) from the header of a file or its content; None where decoding will say what is wrong."""
     try:
         with io.BytesIO(file) if isinstance(file, bytes) else regular(file).open("rb") as opened:
@@ -78,7 +77,7 @@ def image_size(file: Path | bytes) -> tuple[int, int] | None:
     return header.size if header else None
 
 
-def first_size(files: Iterable[Path]) -> tuple[int, int] | None:
+def first_size(files: Iterable[Path]) -> Size | None:
     """Return the size (width, height) of the first file whose header can be read; None if none can."""
     return next((size for file in files if (size := image_size(file))), None)
 
@@ -96,7 +95,7 @@ def is_jpeg(path: Path) -> bool:
         return False
 
 
-def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_shape(one: Size, other: Size) -> bool:
     """Whether two sizes (width, height) differ by scale only: to 1 % of the aspect ratio, or to a pixel's rounding.
 
     A pixel's rounding is at most an eighth of a height: a picture of one pixel has no shape.
@@ -134,7 +133,7 @@ def _most_pixels() -> int:
     return int(min(limit, 1e9) * 1e6)
 
 
-def read_bgr(path: Path) -> npt.NDArray[Any]:
+def read_bgr(path: Path) -> AnyArray:
     """Return an image (H, W, 3) uint8 or uint16, BGR. Raises InputError if it cannot be read, or has other bits."""
     import cv2
 
@@ -144,7 +143,7 @@ def read_bgr(path: Path) -> npt.NDArray[Any]:
     return stored
 
 
-def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
+def read_rgb(path: Path, size: Size | None = None) -> Array:
     """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
     Gray is repeated over the channels, transparency dropped. Raises InputError if the file cannot be read, does not
@@ -160,7 +159,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     return resized(image, size, path)
 
 
-def resized(image: Array, size: tuple[int, int] | None, path: Path) -> Array:
+def resized(image: Array, size: Size | None, path: Path) -> Array:
     """Return an image (H, W, 3), shrunk to `size` (width, height) by area if one is given. Raises as `read_rgb`."""
     import cv2
 
@@ -250,7 +249,7 @@ def _unturned(data: bytes) -> bytes:
         return data[: tag.valueoffset] + upright + data[tag.valueoffset + 2 :]
 
 
-def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:
+def _tiff_colours(data: bytes, place: str) -> AnyArray:
     """A TIFF's (H, W, 3 or 4): BGR as it is stored, and its alpha if it has one. Raises InputError if it has none."""
     with _tiff_file(io.BytesIO(data)) as file:
         page = file.pages.first
@@ -273,7 +272,7 @@ def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:
         return values[..., ([2, 1, 0] if n == 3 else [0, 0, 0]) + alpha]
 
 
-def _without_alpha(stored: npt.NDArray[Any], place: str, flags: int) -> npt.NDArray[Any]:
+def _without_alpha(stored: AnyArray, place: str, flags: int) -> AnyArray:
     """BGR without the alpha that OpenCV would multiply by, of 8 bits unless the flags allow more."""
     import cv2
 
@@ -306,7 +305,7 @@ class _Header:
     is_changed: whether OpenCV would change its colours, which have alpha or separate planes.
     """
 
-    size: tuple[int, int]
+    size: Size
     has_more: bool
     is_tiff: bool
     is_changed: bool
@@ -404,7 +403,7 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
             return values
 
 
-def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
+def encode_png(values: AnyArray, compression: int = 3) -> memoryview:
     """Return gray, BGR or BGRA values, 8 or 16 bit, as the bytes of a PNG file. compression: 0 (fast) to 9 (small).
 
     They are OpenCV's own, since a copy may have 300 MB.
@@ -414,9 +413,7 @@ def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
     return cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1].data
 
 
-def write_png(
-    path: Path, values: npt.NDArray[Any], compression: int = 3, chunk: bytes = b""
-) -> None:
+def write_png(path: Path, values: AnyArray, compression: int = 3, chunk: bytes = b"") -> None:
     """Write gray, BGR or BGRA values, 8 or 16 bit. compression: 0 (fast) to 9 (small).
 
     chunk: stands behind the header, for example `OF_JPEG`.
@@ -427,7 +424,7 @@ def write_png(
         file.writelines((png[:PNG_HEADER], chunk, png[PNG_HEADER:]))
 
 
-def write_image(path: Path, values: npt.NDArray[Any]) -> None:
+def write_image(path: Path, values: AnyArray) -> None:
     """Write gray or BGR values, 8 bit, in the format of the path's suffix, see `SUFFIXES`."""
     import cv2
 

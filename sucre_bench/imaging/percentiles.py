@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, locked
+from sucre_bench.arrays import AnyArray, Array, Mask, locked
 from sucre_bench.machine.compute import compiled
 
 _BINS = 1 << 16  # floats that share their upper 16 bits differ by less than 1 %
 
 
 def channel_percentiles(
-    pixels: npt.NDArray[Any], percentiles: Sequence[float], valid: Mask | None = None
+    pixels: AnyArray, percentiles: Sequence[float], valid: Mask | None = None
 ) -> Array:
     """Return percentiles (Q, 3) float64 of each channel of pixels (..., 3), as `numpy.percentile` gives them.
 
@@ -99,7 +99,7 @@ class ValueCounts:
     upto: Counts
 
     @classmethod
-    def of(cls, values: npt.NDArray[Any], counts: Counts) -> ValueCounts:
+    def of(cls, values: AnyArray, counts: Counts) -> ValueCounts:
         """Count numbers (V,), in any order, of which each occurs counts (V,) times. V > 0."""
         order = np.argsort(values)
         return cls(values[order].astype(np.float64), np.cumsum(counts[order], dtype=np.int64))
@@ -109,7 +109,7 @@ class ValueCounts:
         """How many numbers there are."""
         return int(self.upto[-1])
 
-    def at(self, rank: npt.NDArray[Any] | int) -> Array:
+    def at(self, rank: AnyArray | int) -> Array:
         """Return the numbers at places `rank` (0 for the least) of the ascending order."""
         return np.asarray(self.values[np.searchsorted(self.upto, rank, side="right")])
 

@@ -6,12 +6,11 @@ A variant's name says so behind an @: "funie@256" is the variant funie of the pi
 
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array, locked, once
+from sucre_bench.arrays import AnyArray, Array, locked, once
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
@@ -68,7 +67,7 @@ def split_variant(variant: str) -> tuple[str, Form | None]:
 
 
 @once  # several forms share a size
-def resized(image: npt.NDArray[Any], resizing: Resizing) -> npt.NDArray[Any]:
+def resized(image: AnyArray, resizing: Resizing) -> AnyArray:
     """Return an image (H, W, 3), uint8 or float32, as (side, side, 3) of the same type, whatever its shape was.
 
     "bicubic": Pillow's, which averages where it shrinks; "bilinear": OpenCV's, which does not; "nearest": Pillow's, the
@@ -129,7 +128,7 @@ def _in_8_bits(image: Array, form: Form) -> Array:
 
 
 @once
-def _levels(image: Array) -> npt.NDArray[Any]:
+def _levels(image: Array) -> AnyArray:
     return locked(to_8bit(image))
 
 

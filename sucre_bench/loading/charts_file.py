@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Size
 from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import are_corners
@@ -23,7 +24,7 @@ from sucre_bench.machine.files import read_json
 from sucre_bench.scene import Chart
 
 
-def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
+def read_charts(path: Path, sizes: Mapping[str, Size]) -> dict[str, tuple[Chart, ...]]:
     """Return the charts of each image that has some; none if the file does not exist.
 
     sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not in
@@ -55,9 +56,7 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     }
 
 
-def chart_of(
-    path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]
-) -> Chart:
+def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: Size) -> Chart:
     """Return the chart that an entry of the file `path` describes. Raises InputError, naming a wrong entry.
 
     image, name: the image's and the chart's; kind: of a chart without one of its own; size: (width, height), the

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, intrinsics, pose_of
 from sucre_bench.errors import DamagedFileError, InputError, MissingFileError, file_error
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
@@ -230,9 +230,7 @@ def lens_of_model(model: str, width: int, height: int, parameters: Sequence[floa
     """Return a camera of COLMAP with its distortion, none for a pinhole. parameters: in COLMAP's order."""
     inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
     focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
-    camera = Camera(
-        np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height
-    )
+    camera = Camera(intrinsics(focal_x, focal_y, x, y), width, height)
     return Lens(
         camera, "fisheye" if "FISHEYE" in model else "perspective", tuple(parameters[inner:])
     )
@@ -244,14 +242,12 @@ def _rigid(pose: tuple[float, ...], place: str) -> Array:
     if not (all(map(math.isfinite, pose)) and length > 0):
         raise InputError(f"{place} has no usable pose; {_REMEDY}")
     w, x, y, z = (q / length for q in pose[:4])
-    rigid = np.eye(4)
-    rigid[:3, :3] = [
+    rotation = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    rigid[:3, 3] = pose[4:]
-    return rigid
+    return pose_of(np.array(rotation), np.array(pose[4:]))
 
 
 def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:

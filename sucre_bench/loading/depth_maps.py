@@ -6,7 +6,6 @@ else one of these names at its top, with a suffix of `_READERS`. Whole numbers a
 is used for neither.
 """
 
-import functools
 import importlib
 import re
 from collections import defaultdict
@@ -15,12 +14,18 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Size
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape
+from sucre_bench.imaging.image_files import (
+    check_pixels,
+    decode,
+    read_array,
+    read_tiff,
+    same_shape,
+    say_once_a_folder,
+)
 from sucre_bench.loading.find_folders import only, walk
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.machine.progress import say
 
 _FARTHEST_M = 1000.0
 _NONE = 65535  # of 16 bits
@@ -120,7 +125,7 @@ def stored_map(path: Path) -> np.ndarray:
     below = values.max(initial=0, where=np.isfinite(values) & ~is_top)
     repeats = is_top.sum() > max(1, _REPEATS * values.size)
     if (values.dtype == np.uint16 and top == _NONE) or (repeats and top > _BEYOND * below > 0):
-        _say_none(path.parent, float(top))
+        say_once_a_folder(path, "depth", f"{top:g} in depth maps is taken for no depth")
         return np.where(is_top, 0, values).astype(values.dtype)
     return values
 
@@ -128,11 +133,6 @@ def stored_map(path: Path) -> np.ndarray:
 def _unusable(values: np.ndarray, path: Path) -> InputError:
     fault = f"is {values.dtype} of shape {'x'.join(map(str, values.shape))}"
     return InputError(fault, path, "expected float metres or 16-bit millimetres in one channel")
-
-
-@functools.cache  # once a folder
-def _say_none(folder: Path, value: float) -> None:
-    say(f"{folder}: {value:g} in depth maps is taken for no depth")
 
 
 def read_numbers(path: Path) -> np.ndarray:
@@ -151,7 +151,7 @@ def read_numbers(path: Path) -> np.ndarray:
     return read_array(path, of_archive if path.suffix.lower() == ".npz" else None)
 
 
-def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
+def fitted(metres: Array, size: Size, path: Path) -> Array:
     """Return a depth map (H, W) float32 in metres, 0 = unknown, at `size` (width, height) by the nearest value.
 
     path: for messages. Raises InputError if the map is empty, negative or farther than 1 km, or if its shape is not the

@@ -17,11 +17,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, scaled_camera
+from sucre_bench.arrays import Array, Size
+from sucre_bench.camera import Camera, intrinsics, scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
+
+Model = Literal["perspective", "fisheye"]
 
 # The least ratio of the pinhole's focal length to the photograph's. A quarter is a fisheye of 160 degrees; it shows the
 # middle of the photograph at a quarter of its resolution.
@@ -40,19 +42,13 @@ class Lens:
     """
 
     camera: Camera
-    model: Literal["perspective", "fisheye"] = "perspective"
+    model: Model = "perspective"
     coefficients: tuple[float, ...] = ()
 
     @property
     def identity(self) -> tuple[object, ...]:
         """What identifies this lens, for hashes."""
-        return (
-            self.camera.K.tolist(),
-            self.camera.width,
-            self.camera.height,
-            self.model,
-            self.coefficients,
-        )
+        return (self.camera.K.tolist(), *self.camera.size, self.model, self.coefficients)
 
     @property
     def pinhole(self) -> Camera:
@@ -104,7 +100,7 @@ class Lens:
         folded = right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]
         return undone if folded.any() or not within.all() else Camera(pinhole, width, height)
 
-    def undistorted(self, image: Array, size: tuple[int, int]) -> Array:
+    def undistorted(self, image: Array, size: Size) -> Array:
         """Return an image (H, W[, C]) of the distorted camera, at any scale, as a pinhole image of `size`."""
         import cv2
 
@@ -182,7 +178,7 @@ class Lens:
         bent = np.asarray(at, dtype=np.float64).reshape(*x.shape, 2)
         return bent[..., 0], bent[..., 1]
 
-    def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
+    def _sources(self, size: Size, to: Camera) -> tuple[Array, Array]:
         """The places of a pinhole's pixels in an image of `size` (width, height) of this lens at the same place.
 
         Returns x and y, (H, W) float32 of the pinhole's size, for cv2.remap: pixel centres at whole numbers.
@@ -224,12 +220,7 @@ def _centred(K: Array) -> Array:
     return moved
 
 
-def lens_of(
-    camera: Camera,
-    model: Literal["perspective", "fisheye"],
-    k: tuple[float, ...],
-    p: tuple[float, ...],
-) -> Lens:
+def lens_of(camera: Camera, model: Model, k: tuple[float, ...], p: tuple[float, ...]) -> Lens:
     """Return the lens of a camera, at its size, with k1 to k4 and p1 to p4 of the formulas above, the last left out."""
     k, p = (*k, *[0.0] * (4 - len(k))), (*p, *[0.0] * (4 - len(p)))
     if camera.K[0, 1] == 0 and model == "fisheye" and not any(p):
@@ -247,14 +238,7 @@ class BrownLens(Lens):
     @property
     def identity(self) -> tuple[object, ...]:
         """What identifies this lens, for hashes."""
-        return (
-            "brown",
-            self.camera.K.tolist(),
-            self.camera.width,
-            self.camera.height,
-            self.model,
-            self.coefficients,
-        )
+        return ("brown", *super().identity)
 
     def bent(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return x', y' of rays x, y at unit depth, arrays of one shape."""
@@ -271,7 +255,7 @@ class BrownLens(Lens):
             y * radial + (2 * p2 * x * y + p1 * (r2 + 2 * y * y)) * more,
         )
 
-    def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
+    def _sources(self, size: Size, to: Camera) -> tuple[Array, Array]:
         # floats, which leave float32 as it is
         (fx, skew, cx), (_, fy, cy) = scaled_camera(self.camera, size).K[:2].tolist()
         u, v = (
@@ -282,7 +266,7 @@ class BrownLens(Lens):
         return fx * x + skew * y + (cx - 0.5), fy * y + (cy - 0.5)
 
 
-_MODELS: dict[str, Literal["perspective", "fisheye"]] = {
+_MODELS: dict[str, Model] = {
     "radtan": "perspective",
     "none": "perspective",
     "equidistant": "fisheye",
@@ -296,7 +280,7 @@ _REPORT = {
 }
 
 
-def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
+def read_kalibr(path: Path, size: Size) -> Lens:
     """Return the lens of the first camera that Kalibr calibrated, from its camchain (YAML) or its report (TXT).
 
         cam0:                                       cam0
@@ -330,7 +314,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
     while coefficients and coefficients[-1] == 0:
         coefficients.pop()
-    K = np.array([[focal_x, 0, x + 0.5], [0, focal_y, y + 0.5], [0, 0, 1]], dtype=np.float64)
+    K = intrinsics(focal_x, focal_y, x + 0.5, y + 0.5)
     return Lens(Camera(K, width, height), _MODELS[kind[1]], tuple(coefficients))
 
 

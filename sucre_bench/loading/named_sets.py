@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.machine.files import reading, regular
@@ -56,7 +56,7 @@ class Print:
         return (self.bits + self.colour).hex()
 
 
-def print_of(image: npt.NDArray[Any]) -> Print:
+def print_of(image: AnyArray) -> Print:
     """Return the print of a picture (H, W, 3), RGB, uint8 or in [0, 1]."""
     import cv2
 
@@ -79,7 +79,7 @@ class Member:
 
     name: str
     other_names: tuple[str, ...]
-    size: tuple[int, int] | None
+    size: Size | None
     image: Print | None
     reference: Print | None
 
@@ -150,17 +150,11 @@ def _parsed(name: str, place: str, text: str) -> NamedSet:
         raise InputError(f"names {first_few(twice, _SHOWN)} twice", place, "keep one row a picture")
     members = []
     for row in rows:
-        try:
-            image, reference = (_print_in(row[column]) for column in ("image", "reference"))
+        at = Path(f"{place}: size or print of '{row['name']}'")
+        with reading(at, "write the table again with `sucre-bench describe --write-set`"):
+            prints = (_print_in(row[column]) for column in ("image", "reference"))
             size = (int(row["width"]), int(row["height"])) if row["width"] else None
-        except (ValueError, TypeError) as fault:
-            remedy = "write the table again with `sucre-bench describe --write-set`"
-            raise InputError(
-                f"has a wrong size or print in the row of '{row['name']}'", place, remedy
-            ) from fault
-        members.append(
-            Member(row["name"], tuple(row["other_names"].split()), size, image, reference)
-        )
+            members.append(Member(row["name"], tuple(row["other_names"].split()), size, *prints))
     return NamedSet(
         name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT}
     )
@@ -194,7 +188,7 @@ def set_table(name: str, members: Iterable[Member]) -> str:
 class Picture:
     """A picture that may be of a set. size: (width, height); print: None if it cannot be read."""
 
-    size: tuple[int, int]
+    size: Size
     print: Print | None
 
 
@@ -382,14 +376,12 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     return named.name, sorted(found.members)
 
 
-def picture_of(rgb: npt.NDArray[Any]) -> Picture:
+def picture_of(rgb: AnyArray) -> Picture:
     """Return what is known of a picture (H, W, 3)."""
     return Picture((rgb.shape[1], rgb.shape[0]), print_of(rgb))
 
 
-def recognised_sets(
-    pictures: Mapping[str, Picture], of: Of = "either"
-) -> tuple[list[Found], list[str]]:
+def recognised_sets(pictures: Mapping[str, Picture]) -> tuple[list[Found], list[str]]:
     """Return the sets of which half is there, or that half of the pictures are of, the fullest first.
 
     And a line for the overlap with each other set of the same dataset. Names alone tell a set only if the pictures have
@@ -398,7 +390,7 @@ def recognised_sets(
     found = []
     shared = list[Found]()
     for named in named_sets().values():
-        one = found_of(named, pictures, of)
+        one = found_of(named, pictures)
         whole = len(named.members)
         least = (
             0.9 * whole

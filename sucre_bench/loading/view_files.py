@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Picture
+from sucre_bench.arrays import AnyArray, Array, Picture, Size
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_patches import scaled_chart
@@ -51,13 +50,13 @@ class Files:
     """
 
     image: Path
-    size: tuple[int, int]
+    size: Size
     depth: Found = None
     reference: Found = None
     read_depth: Callable[[Path], Array] = read_depth
     lens: Lens | None = None
     depth_lens: Lens | None = None
-    read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
+    read_image: Callable[[Path, Size | None], Array] = read_rgb
     fault: str = ""
 
     @property
@@ -86,7 +85,7 @@ class Files:
             else self.lens.undistorted(read(path, None), self.size)
         )
 
-    def _read_reference(self, path: Path, size: tuple[int, int] | None) -> Array:
+    def _read_reference(self, path: Path, size: Size | None) -> Array:
         def photograph() -> Array:
             return self.read_image(self.image, None)
 
@@ -136,8 +135,8 @@ class Photograph:
     reference: Found = None
     charts: Sequence[Chart] = ()
     charts_file: Path | None = None
-    size: tuple[int, int] | None = None
-    read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
+    size: Size | None = None
+    read_image: Callable[[Path, Size | None], Array] = read_rgb
     fault: str = ""
 
 
@@ -215,9 +214,7 @@ def scene_of(
     )
 
 
-def _seen(
-    chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]
-) -> Chart:
+def _seen(chart: Chart, place: str, size: Size, lens: Lens | None, target: Size) -> Chart:
     """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
         return scaled_chart(chart, size, target)
@@ -351,12 +348,12 @@ class SharedPixels:
         values = self._stored("rgb")
         return values if values is not None and values.dtype == np.uint8 else None
 
-    def _stored(self, plane: Plane) -> npt.NDArray[Any] | None:
+    def _stored(self, plane: Plane) -> AnyArray | None:
         store = cache.current()
         if store is None or (plane != "rgb" and getattr(self.files, plane) is None):
             return None
 
-        def decoded() -> npt.NDArray[Any]:
+        def decoded() -> AnyArray:
             import cv2
 
             values = self.files.load(plane)

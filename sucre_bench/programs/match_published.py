@@ -12,7 +12,7 @@ import csv
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from itertools import groupby
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, Size
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.resizing import Form, split_variant
 from sucre_bench.loading.find_folders import bare_stems, without_suffix, without_zeros
@@ -91,19 +91,18 @@ class PublishedTable:
 class Candidate:
     """How far a variant is from a column.
 
-    value: its mean over the cells it has scores for; mean, largest: absolute difference over them; at: the row of the
-    largest; compared: how many cells; lacking: how many it has no score for; fits: whether it gives the published
-    numbers.
+    lacking: how many cells it has no score for; compared: how many it has; value: its mean over these; mean, largest:
+    absolute difference over them; at: the row of the largest; fits: whether it gives the published numbers.
     """
 
     variant: str
-    value: float
-    mean: float
-    largest: float
-    at: str
-    compared: int
     lacking: int
-    fits: bool
+    compared: int = 0
+    value: float = math.nan
+    mean: float = math.inf
+    largest: float = math.inf
+    at: str = ""
+    fits: bool = False
 
 
 # -- the table ---------------------------------------------------------------------------------------------------
@@ -118,76 +117,103 @@ def read_table(
     Raises InputError if it is no table, has no column of a metric, names no image, or names one image twice.
     """
     rows = _rows(table)
-    metrics, warnings = _metrics(table, list(rows[0]), has_reference)
-    naming = _Naming(rows, [header for header in rows[0] if not _named(header)], root, images)
-    of = [(naming.label(row), naming.images(row), row) for row in rows]
-    if not any(found for _, found, _ in of):
+    named = {header: _named(header) for header in rows[0]}
+    others = [header for header in named if not named[header]]
+    headers, images_of = _naming(rows, others, root, images)
+    of = [
+        ("/".join(row[header] for header in headers) or "the only row", images_of(row), row)
+        for row in rows
+    ]
+    warnings = list[str]()
+
+    def warn(names: Sequence[str], noun: str, after: str = "", before: str = "") -> None:
+        if names:
+            which = f"{before}{counted(len(names), noun)}{after}: {first_few(names, _SHOWN)}"
+            warnings.append(f"{table}: {which}")
+
+    found = {name for _, names, _ in of for name in names}
+    if not found:
         raise InputError(
             f"{table}: names none of the {counted(len(images), 'image')} in {root}, as {next(iter(images))};"
             " give a column 'image' with names of files, or of folders for means"
         )
-    others = [header for header in rows[0] if not _named(header)]
-    unread = [one for one in others if one not in naming.headers and _number(rows[0][one])]
+    columns = list(_columns(table, named, of, has_reference, warnings))
+    unread = [one for one in others if one not in headers and _number(rows[0][one])]
     if unread:
         warnings.append(f"{table}: not read, since no metric here: {first_few(unread, _SHOWN)}")
-    alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
+    alone = Counter(names[0] for _, names, _ in of if len(names) == 1)
     if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
-        raise InputError(
-            f"several rows name {first_few(twice, _SHOWN)}",
-            table,
-            "keep one of each, or add their folder",
-        )
-    if unknown := [label for label, found, _ in of if not found]:
-        warnings.append(
-            f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {first_few(unknown, _SHOWN)}"
-        )
-    if left := [name for name in images if not any(name in found for _, found, _ in of)]:
-        warnings.append(
-            f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}"
-        )
-    read = [_column(table, metric, of, warnings) for metric in metrics]
-    columns = tuple(column for column in read if column)
+        fault = f"several rows name {first_few(twice, _SHOWN)}"
+        raise InputError(fault, table, "keep one of each, or add their folder")
+    warn([label for label, names, _ in of if not names], "row", f" without an image in {root}")
+    warn([name for name in images if name not in found], "image", " without a row")
+    for column in columns:
+        known = {cell.label for cell in column.cells}
+        blank = [label for label, names, _ in of if names and label not in known]
+        warn(blank, "row", before=f"column '{column.header}' has no number in ")
+    columns = [column for column in columns if column.cells]
     if not columns:
         raise InputError(
             f"{table}: holds no number for the images in {root}; give the scores as plain numbers"
         )
-    return PublishedTable(columns, tuple(warnings))
+    return PublishedTable(tuple(columns), tuple(warnings))
 
 
-def _column(
+def _columns(
     table: str,
-    metric_column: tuple[str, str, int, int],
+    named: Mapping[str, Sequence[str]],
     rows: Sequence[tuple[str, tuple[str, ...], Mapping[str, str]]],
+    has_reference: bool,
     warnings: list[str],
-) -> Column | None:
-    """The numbers of a column; None if it has none. metric_column: as of `_metrics`; rows: label, images and cells.
+) -> Iterator[Column]:
+    """Yield the numbers of each metric. named: the metrics that headers name; rows: label, images and cells.
 
-    warnings: are added to where it is read as percent, and where rows have no number.
+    warnings: are added to where one is read as percent, or cannot be compared. Raises InputError if there is none.
     """
-    header, name, place, n = metric_column
-    metric, is_mse = ("psnr", True) if name == _MSE else (name, False)
-    numbers = [
-        (label, found, _number(_part(row[header], place, n))) for label, found, row in rows if found
-    ]
-    if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
-        numbers = [(label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers]
-    top = plugins.usable("metric")[metric].range[1]
-    values = [number[0] for *_, number in numbers if number]
-    if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
-        warnings.append(
-            f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it"
+    known = plugins.usable("metric")
+    has = {"reference"} if has_reference else set()
+    is_none = True
+    for header, place, name in (
+        (h, *one) for h, names in named.items() for one in enumerate(names)
+    ):
+        metric = "psnr" if name == _MSE else name
+        if lacking := known[metric].needs - has:
+            remedy = (
+                "give --reference" if lacking == {"reference"} else "images alone do not have it"
+            )
+            warnings.append(
+                f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}"
+            )
+            continue
+        is_none = False
+        factor = 1.0
+        if name == _MSE and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
+            factor = 1000.0
+        numbers = [
+            (label, images, _number(_part(row[header], place, len(named[header]))))
+            for label, images, row in rows
+            if images
+        ]
+        values = [number[0] for *_, number in numbers if number]
+        top = known[metric].range[1]
+        if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
+            warnings.append(
+                f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it"
+            )
+            factor = 0.01
+        cells = tuple(
+            Cell(label, images, factor * number[0], factor * number[1])
+            for label, images, number in numbers
+            if number
         )
-        numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
-    if blank := [label for label, _, number in numbers if number is None]:
-        warnings.append(
-            f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
-        )
-    cells = tuple(Cell(label, found, *number) for label, found, number in numbers if number)
-    if not cells:
-        return None
-    is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
-    white = 255.0**2 if is_of_bytes else 1.0
-    return Column(metric, header, cells, white if is_mse else 0.0)
+        white = 0.0
+        if name == _MSE:
+            white = 255.0**2 if any(cell.value > 1 for cell in cells) else 1.0
+        yield Column(metric, header, cells, white)
+    if is_none:
+        possible = sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"})
+        names = f"of {', '.join(named)}; name them as here: {', '.join(possible)}"
+        raise InputError(warnings[0] if warnings else f"{table}: no column is a metric, {names}")
 
 
 def _rows(table: str) -> list[dict[str, str]]:
@@ -264,36 +290,6 @@ def _part(cell: str, place: int, n: int) -> str:
     return ""
 
 
-def _metrics(
-    table: str, headers: Sequence[str], has_reference: bool
-) -> tuple[list[tuple[str, str, int, int]], list[str]]:
-    """Return what can be compared: header, metric, and the place of its number among those of a cell; and warnings."""
-    known = plugins.usable("metric")
-    metrics = list[tuple[str, str, int, int]]()
-    warnings = []
-    for header in headers:
-        for place, name in enumerate(named := _named(header)):
-            lacking = known["psnr" if name == _MSE else name].needs - (
-                {"reference"} if has_reference else set()
-            )
-            if not lacking:
-                metrics.append((header, name, place, len(named)))
-                continue
-            remedy = (
-                "give --reference" if lacking == {"reference"} else "images alone do not have it"
-            )
-            warnings.append(
-                f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}"
-            )
-    if not metrics:
-        possible = ", ".join(
-            sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"})
-        )
-        none = f"{table}: no column is a metric, of {', '.join(headers)}; name them as here: {possible}"
-        raise InputError(warnings[0] if warnings else none)
-    return metrics, warnings
-
-
 def _number(text: str) -> tuple[float, float] | None:
     """Return the number a cell begins with, and half a unit of its last digit; None if it begins with none.
 
@@ -313,64 +309,44 @@ def _number(text: str) -> tuple[float, float] | None:
     return (value, rounding) if math.isfinite(value) else None
 
 
-class _Naming:
-    """Finds the images that a row is of, by what its cells call the images or their folders."""
+def _naming(
+    rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]
+) -> tuple[Sequence[str], Callable[[Mapping[str, str]], tuple[str, ...]]]:
+    """Return the headers of the cells that name images or their folders, and what finds the images of a row.
 
-    def __init__(
-        self,
-        rows: Sequence[Mapping[str, str]],
-        headers: Sequence[str],
-        root: Path,
-        images: Iterable[str],
-    ):
-        self._files, self._folders = (
-            defaultdict[str, set[str]](set),
-            defaultdict[str, set[str]](set),
-        )
-        images = list(images)
-        bare = bare_stems(images)
-        for name in images:
-            path = Path(name)
-            self._files[name.casefold()].add(name)
-            for called in (name, path.name, f"{root.resolve().name}/{name}", bare[name]):
-                self._files[_key(called)].add(name)
-            self._files[without_zeros(bare[name])].add(name)
-            for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
-                self._folders[folder.casefold()].add(name)
-        known = {*self._files, *self._folders}
-        words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
-        likely = [header for header in headers if _NAMES & words[header]] or headers
-        self.headers = [
-            header
-            for header in likely
-            if any(known.intersection(_keys(row[header])) for row in rows)
-        ]
-        is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
-        self._order = tuple(images) if self.headers or is_of_all else ()
+    These are one image, or all of the folder that the row names; none if it names none, or several.
+    """
+    order = tuple(images)
+    files, folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+    bare = bare_stems(order)
+    for name in order:
+        path = Path(name)
+        files[name.casefold()].add(name)
+        for called in (name, path.name, f"{root.resolve().name}/{name}", bare[name]):
+            files[_key(called)].add(name)
+        files[without_zeros(bare[name])].add(name)
+        for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
+            folders[folder.casefold()].add(name)
+    known = {*files, *folders}
+    words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
+    likely = [header for header in headers if _NAMES & words[header]] or headers
+    naming = [
+        header for header in likely if any(known.intersection(_keys(row[header])) for row in rows)
+    ]
+    is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
 
-    def label(self, row: Mapping[str, str]) -> str:
-        """Return how to call a row."""
-        return "/".join(row[header] for header in self.headers) or "the only row"
-
-    def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
-        if not self.headers:
-            return self._order
+    def images_of(row: Mapping[str, str]) -> tuple[str, ...]:
+        if not naming:
+            return order if is_of_all else ()
         cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
-        for header in self.headers:
-            key = next(
-                (key for key in _keys(row[header]) if key in self._files or key in self._folders),
-                None,
-            )
-            both = (self._files, self._folders)
-            cells.append([set[str]() if key is None else of.get(key, set[str]()) for of in both])
-        fitting = set.intersection(*(files | folders for files, folders in cells))
-        of_one = any(fitting & files for files, _ in cells)
-        return (
-            tuple(name for name in self._order if name in fitting)
-            if len(fitting) == 1 or not of_one
-            else ()
-        )
+        for header in naming:
+            key = next((key for key in _keys(row[header]) if key in known), "")
+            cells.append((files.get(key, set[str]()), folders.get(key, set[str]())))
+        fitting = set.intersection(*(one | of_folder for one, of_folder in cells))
+        is_clear = len(fitting) == 1 or not any(fitting & one for one, _ in cells)
+        return tuple(name for name in order if name in fitting) if is_clear else ()
+
+    return naming, images_of
 
 
 def _key(name: str) -> str:
@@ -389,7 +365,7 @@ def _keys(cell: str) -> tuple[str, ...]:
 
 def search(
     table: PublishedTable,
-    sizes: set[tuple[int, int] | None],
+    sizes: set[Size | None],
     score: Callable[[Sequence[str]], DataFrame],
 ) -> DataFrame:
     """Return score rows of variants, tried until each column has one that fits.
@@ -453,7 +429,7 @@ def _size_of(name: str) -> str:
     return next((f"@{word}" for word in words if word[0].isdigit()), own)
 
 
-def _at(sizes: set[tuple[int, int] | None]) -> list[str]:
+def _at(sizes: set[Size | None]) -> list[str]:
     """The sizes to score at: as the files are, and squares of 256 pixels or of the files' side."""
     squares = {size[0] for size in sizes if size and size[0] == size[1] and len(sizes) <= 2}
     if len(sizes) == 1 and squares == {_SIDE}:
@@ -466,58 +442,44 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
 
     Images that no variant has a score of, as those that cannot be read, are left out, also of means.
     """
-    ok = scores[
-        (scores["metric"] == column.metric)
-        & (scores["status"] == "ok")
-        & (scores["region"] == "image")
-    ]
-    scored = set(ok["view"])
-    of_scored = (
-        replace(cell, images=tuple(name for name in cell.images if name in scored))
-        for cell in column.cells
-    )
-    known = [cell for cell in of_scored if cell.images]
-    candidates = []
-    forms = [
-        (str(variant), rows["view"], rows["value"])
-        for variant, rows in ok.groupby("variant", sort=False)
-    ]
+    import pandas as pd
+
+    is_of_column = (scores["metric"] == column.metric) & (scores["region"] == "image")
+    ok = scores[is_of_column & (scores["status"] == "ok")]
+    values = ok.pivot(index="view", columns="variant", values="value")
+    values = values[ok["variant"].unique()]
     if column.white:
-        forms = [
-            (variant, views, column.white * 10 ** (-values / 10))
-            for variant, views, values in forms
-        ]
+        values = column.white * 10 ** (-values / 10)
     elif column.metric == "psnr":
-        forms += [
-            (f"{variant}{_PEAK}", views, values - _PEAK_LESS) for variant, views, values in forms
-        ]
-    for variant, views, of_views in forms:
-        values = dict(zip(views, of_views, strict=True))
-        cells = [cell for cell in known if all(name in values for name in cell.images)]
-        lacking = len(known) - len(cells)
-        largest = np.inf
-        at = ""
-        mean = np.inf
-        fits = False
-        value = np.nan
-        if cells:
-            computed = np.array([np.mean([values[name] for name in cell.images]) for cell in cells])
-            published = np.array([cell.value for cell in cells])
-            off = np.abs(computed - published)
-            off[computed == published] = 0  # both infinite
-            close = off <= np.maximum(
-                [1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published)
+        values = pd.concat([values, (values - _PEAK_LESS).add_suffix(_PEAK)], axis=1)
+    of_scored = [
+        replace(cell, images=tuple(name for name in cell.images if name in values.index))
+        for cell in column.cells
+    ]
+    known = [cell for cell in of_scored if cell.images]
+    published, rounding = np.array([(cell.value, cell.rounding) for cell in known]).reshape(-1, 2).T
+    candidates = []
+    for variant, of_views in values.items():
+        computed = np.array([of_views[list(cell.images)].mean(skipna=False) for cell in known])
+        there = np.flatnonzero(~np.isnan(computed))
+        candidate = Candidate(str(variant), lacking=len(known) - len(there))
+        if len(there):
+            off = np.abs(computed - published)[there]
+            off[computed[there] == published[there]] = 0  # both infinite
+            size = np.abs(published[there])
+            close = off <= np.maximum(1.01 * rounding[there], _CLOSE * size)
+            near = close | (off <= _NEAR * size)
+            candidate = replace(
+                candidate,
+                compared=len(there),
+                value=float(computed[there].mean()),
+                mean=float(off.mean()),
+                largest=float(off.max()),
+                at=known[there[off.argmax()]].label,
+                fits=bool(not candidate.lacking and close.mean() >= _MOST and near.all()),
             )
-            near = close | (off <= _NEAR * np.abs(published))
-            value = float(computed.mean())
-            mean = float(off.mean())
-            largest = float(off.max())
-            at = cells[int(off.argmax())].label
-            fits = bool(not lacking and close.mean() >= _MOST and near.all())
-        if fits or not variant.endswith(_PEAK):
-            candidates.append(
-                Candidate(variant, value, mean, largest, at, len(cells), lacking, fits)
-            )
+        if candidate.fits or not candidate.variant.endswith(_PEAK):
+            candidates.append(candidate)
     return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))
 
 
@@ -525,7 +487,7 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
 
 
 def answer(
-    column: Column, found: Sequence[Candidate], sets: Sequence[Found], size: tuple[int, int] | None
+    column: Column, found: Sequence[Candidate], sets: Sequence[Found], size: Size | None
 ) -> str:
     """Return which variant gives the published numbers, on which set, and what colour gives where they are of gray.
 
@@ -577,7 +539,7 @@ def answer(
     return f"{text}."
 
 
-def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
+def in_words(metric: str, variant: str, size: Size | None) -> str:
     """Return what a variant is: "gray PSNR at 256x256 (bilinear)". size: of all files, None if they differ."""
     base, form = split_variant(variant.removesuffix(_PEAK))
     form = form or Form()

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sucre_bench.errors import InputError
+from sucre_bench.arrays import Size
 from sucre_bench.loading.charts_file import chart_of, read_charts
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import reading, write_atomically
 from sucre_bench.programs.charts.proposals import Proposal
 from sucre_bench.scene import Chart
 
@@ -27,7 +27,7 @@ class ChartsFile:
     Raises InputError for a file that is not in its format.
     """
 
-    def __init__(self, path: Path, sizes: Mapping[str, tuple[int, int]]) -> None:
+    def __init__(self, path: Path, sizes: Mapping[str, Size]) -> None:
         # so that kinds, which may be paths, do not depend on the current folder
         self.path = path = path.resolve()
         self._sizes = sizes
@@ -35,15 +35,12 @@ class ChartsFile:
         self._content: dict[str, Any] = (
             json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         )
-        proposed = self._content.get("proposed", {})
-        self._proposed: dict[str, dict[str, Proposal | None]] = {}
-        for view, charts in (proposed if isinstance(proposed, dict) else {}).items():
-            if not isinstance(charts, dict):
-                raise InputError(f"{path}: proposed, {view}: not charts by name; remove it there")
-            if view in sizes:
-                self._proposed[view] = {
-                    name: self._proposal(view, name, entry) for name, entry in charts.items()
-                }
+        with reading(path, "remove 'proposed' there"):
+            self._proposed = {
+                view: {name: self._proposal(view, name, entry) for name, entry in charts.items()}
+                for view, charts in self._content.get("proposed", {}).items()
+                if view in sizes
+            }
 
     def confirmed(self, view: str) -> tuple[Chart, ...]:
         """The charts marked in a view."""
@@ -125,13 +122,5 @@ class ChartsFile:
     def _proposal(self, view: str, name: str, entry: Any) -> Proposal | None:
         if entry is None:
             return None
-        try:
-            return Proposal(
-                view,
-                chart_of(self.path, view, name, entry, "dgk", self._sizes[view]),
-                str(entry["from"]),
-            )
-        except (KeyError, TypeError) as fault:
-            raise InputError(
-                f"{self.path}: proposed, {view}, {name}: not a proposal; remove it there"
-            ) from fault
+        chart = chart_of(self.path, view, name, entry, "dgk", self._sizes[view])
+        return Proposal(view, chart, str(entry["from"]))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Size
 from sucre_bench.engine.preflight import select
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
@@ -308,7 +308,7 @@ def _in_images(word: str, dataset: str) -> tuple[Path, str]:
     )
 
 
-def _size(view: View) -> tuple[int, int]:
+def _size(view: View) -> Size:
     """Return (width, height) of a view, from its camera or file header if possible, else by decoding it."""
     if view.camera is not None:
         return view.camera.size

@@ -1,4 +1,4 @@
-"""Rules for methods: every valid pixel and no other gets a colour, and the input stays as it is."""
+"""Rules for methods: every valid pixel and no other gets a colour, always the same, of what the method declares."""
 
 import functools
 import random
@@ -23,9 +23,8 @@ from sucre_bench.programs.contract.made_scenes import (
     submerged,
     wall,
 )
-from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
+from sucre_bench.scene import Chart, Restoration, Scene, Water
 
-_PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
 _LASTING = 60.0  # seconds for one view of the made scene, .3 megapixels: a dive of 500 views then takes a night
 _CLIPPED = 0.05  # share of values
 # Threads may add in any order; random results differ by far more.
@@ -37,7 +36,7 @@ _HOLES[:, :20] = True
 
 def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a method."""
-    of_colours = [restores_a_view, leaves_its_input, colours_what_is_valid, leaves_holes]
+    of_colours = [restores_a_view, colours_what_is_valid, leaves_holes]
     of_depth = [skips_what_has_no_depth] if "depth" in plugin.needs else []
     of_needs = [runs_with_least, keeps_its_eyes_off]
     return [*of_colours, *of_depth, *of_needs, is_deterministic, restores_a_scene]
@@ -47,13 +46,9 @@ _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
 
 
 def _restore(subject: Subject, scene: Scene) -> Restoration:
-    """The restoration of a made scene, enlarged for the subject."""
-    return _of_enlarged(subject, enlarged(scene, subject.factor))
-
-
-def _of_enlarged(subject: Subject, scene: Scene) -> Restoration:
-    """The restoration of an enlarged scene: one value of each square of pixels."""
+    """The restoration of a made scene, enlarged for the subject: one value of each square of pixels."""
     every = slice(subject.factor // 2, None, subject.factor)
+    scene = enlarged(scene, subject.factor)
     result = python_api.restore(subject.make(), scene, scene[TARGET])
     if subject.factor == 1:
         return result
@@ -84,9 +79,8 @@ def _rich(**other: Any) -> Scene:
 
 
 @functools.lru_cache(maxsize=1)
-def _of_rich(subject: Subject) -> tuple[Scene, Restoration]:
-    scene = enlarged(_rich(), subject.factor)
-    return scene, _of_enlarged(subject, scene)
+def _of_rich(subject: Subject) -> Restoration:
+    return _restore(subject, _rich())
 
 
 def _chart(left: float) -> Chart:
@@ -101,18 +95,6 @@ def restores_a_view(subject: Subject) -> Iterator[str]:
         yield Note(
             f"fails on images of {width // 2} x {height // 2} pixels; checked on {width} x {height}"
         )
-
-
-def leaves_its_input(subject: Subject) -> Iterator[str]:
-    """Does not change its input."""
-    scene, result = _of_rich(subject)
-    for view, fresh in zip(scene, enlarged(_rich(), subject.factor), strict=True):
-        for plane in _PLANES:
-            now = np.asarray(getattr(view, plane))
-            if not np.array_equal(now, np.asarray(getattr(fresh, plane))) or now.flags.writeable:
-                yield f"{plane} of {view.name} is changed or unlocked; work on a copy, view.{plane}.copy()"
-            elif np.shares_memory(now, result.image) and result.image.flags.writeable:
-                yield f"its image is {plane} of {view.name} itself, unlocked; return a copy of it"
 
 
 def colours_what_is_valid(subject: Subject) -> Iterator[str]:
@@ -143,7 +125,7 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
 
 def leaves_holes(subject: Subject) -> Iterator[str]:
     """Gives no colour where there is no depth, if it needs depth; else one everywhere."""
-    result = _of_rich(subject)[1]
+    result = _of_rich(subject)
     if "depth" not in subject.plugin.needs:
         if missing := (~result.valid).sum():
             yield f"{missing} pixels get no colour; without a need of depth every pixel of the image has one"
@@ -197,7 +179,7 @@ def _is_same_with(subject: Subject, **other: Any) -> bool:
         image = _restore(subject, _rich(**other)).image
     except SolveError:
         image = np.full_like(NOISE, np.nan)
-    return alike(_of_rich(subject)[1].image, image)
+    return alike(_of_rich(subject).image, image)
 
 
 def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:

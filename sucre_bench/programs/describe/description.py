@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, evenly
+from sucre_bench.arrays import Array, Size, evenly
 from sucre_bench.engine.preflight import Selection
-from sucre_bench.errors import InputError
+from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marked
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
@@ -136,7 +136,7 @@ class Described:
         return content.getvalue()
 
 
-def _tile(picture: np.ndarray | None, size: tuple[int, int], absent: str, how: Any) -> Any:
+def _tile(picture: np.ndarray | None, size: Size, absent: str, how: Any) -> Any:
     """A picture brought to a size, or a gray one that says why there is none. how: of resampling."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -165,15 +165,7 @@ def described(selection: Selection, most: int) -> Described:
             else None
         )
         scale = noted and {"is_metric": bool(noted["is_metric"]), "note": str(noted["note"])}
-    except (
-        OSError,
-        InputError,
-        ValueError,
-        KeyError,
-        TypeError,
-        RecursionError,
-    ):
-        # none, or another program's
+    except ANY_FAULT:  # none, or another program's
         scale = None
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]

@@ -73,12 +73,12 @@ class ViewFacts:
     has_reference: bool
     focal: tuple[float, ...] | None
     position: tuple[float, ...] | None
-    mean: tuple[float, ...]
-    spread: tuple[float, ...]
-    saturated: float
     coverage: float
     distances: tuple[float, ...] | None
-    charts: tuple[ChartFacts, ...]
+    mean: tuple[float, ...] = ()
+    spread: tuple[float, ...] = ()
+    saturated: float = 0.0
+    charts: tuple[ChartFacts, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,12 +145,8 @@ def look_at(view: View, reference: bool) -> Look:
         has_reference=target is not None,
         focal=None if camera is None else _floats(camera.K[[0, 1], [0, 1]]),
         position=None if pose is None else _floats(np.linalg.inv(pose)[:3, 3]),
-        mean=(),
-        spread=(),
-        saturated=0.0,
         coverage=known.size / distance.size if distance is not None and distance.size else 0.0,
         distances=_floats(np.percentile(known, [1, 50, 99])) if known.size else None,
-        charts=(),
     )
     if rgb is not None:
         facts = replace(

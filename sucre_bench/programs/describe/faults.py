@@ -341,49 +341,36 @@ def _twins(looks: Sequence[Look]) -> list[Fault]:
     """Faults for equal pictures (compared at 16 x 16 pixels), equal depth maps, and views with both."""
     import cv2
 
-    tiny: list[tuple[Array, list[str]]] = []
-    pictures: list[list[str]] = []  # the names of the views that share each
+    tiny: list[tuple[Array, list[str]]] = []  # a picture, and the names of the views that have it
     maps = defaultdict(list)
     for look in looks:
+        name = look.facts.name
         if look.picture is not None and look.picture.std() > 255 * _FLAT:
-            small = cv2.resize(
-                look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA
+            small: Array = np.asarray(
+                cv2.resize(look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA)
             )
-            group = next(
-                (names for other, names in tiny if np.abs(other - small).mean() < _SAME), None
-            )
-            if group is None:
-                group = []
-                pictures.append(group)
-            group.append(look.facts.name)
-            tiny.append((np.asarray(small), group))
+            same = (names for other, names in tiny if np.abs(other - small).mean() < _SAME)
+            if group := next(same, None):
+                group.append(name)
+            else:
+                tiny.append((small, [name]))
         if look.depth is not None and np.ptp(look.depth) > 0:
-            maps[look.depth.tobytes()].append(look.facts.name)
+            maps[look.depth.tobytes()].append(name)
     alike, shared = (
-        [tuple(names) for names in groups if len(names) > 1] for groups in (pictures, maps.values())
+        {tuple(names) for names in groups if len(names) > 1}
+        for groups in ([names for _, names in tiny], maps.values())
     )
     kinds = (
-        (
-            "twins",
-            "picture and depth map",
-            "keep one",
-            [names for names in alike if names in shared],
-        ),
-        ("twin pictures", "picture", "keep one", [names for names in alike if names not in shared]),
-        (
-            "twin depth maps",
-            "depth map",
-            "give each image its own",
-            [names for names in shared if names not in alike],
-        ),
+        ("twins", "picture and depth map", "keep one", alike & shared),
+        ("twin pictures", "picture", "keep one", alike - shared),
+        ("twin depth maps", "depth map", "give each image its own", shared - alike),
     )
     return [
-        Fault(
-            kind,
-            f"the same {what} {'twice' if len(names) == 2 else f'{len(names)} times'}",
-            remedy,
-            names,
-        )
+        Fault(kind, f"the same {what} {_times(len(names))}", remedy, names)
         for kind, what, remedy, groups in kinds
-        for names in groups
+        for names in sorted(groups)
     ]
+
+
+def _times(n: int) -> str:
+    return "twice" if n == 2 else f"{n} times"

@@ -8,7 +8,6 @@ import base64
 import io
 import json
 import random
-import re
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -297,21 +296,12 @@ def keys(folder: Path) -> dict[str, Key]:
     for path in sorted((folder / "people").glob("*.json")):
         with reading(path, "restore a copy of it"):
             told = read_json(path, "restore a copy of it", of_data=True)
-            study = told["study"]
-            if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(
-                r"[0-9a-f]{8}", study
-            ):
+            if (told.pop("format"), told.pop("version")) != (_FORMAT, _VERSION):
                 raise ValueError("another format")
             pictures = {
-                name: Shown(
-                    str(one["scene"]),
-                    str(one["view"]),
-                    str(one["method"]),
-                    tuple(map(str, one["of"])),
-                )
-                for name, one in told["pictures"].items()
+                name: Shown(**{**one, "of": tuple(one["of"])})
+                for name, one in told.pop("pictures").items()
             }
-            found[study] = Key(
-                study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures
-            )
+            methods = tuple(told.pop("methods"))
+            found[told["study"]] = Key(**told, methods=methods, pictures=pictures)
     return found

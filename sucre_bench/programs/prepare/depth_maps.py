@@ -12,12 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.camera import scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, write_png
@@ -57,7 +57,7 @@ class DepthMap(NamedTuple):
 DepthMaps = Callable[[Shot], DepthMap]
 
 
-def _gray(path: Path, size: tuple[int, int]) -> Array:
+def _gray(path: Path, size: Size) -> Array:
     """A gray image (H, W) float32 from 0 to 255, of a size (W, H)."""
     import cv2
 
@@ -140,7 +140,7 @@ def swept(
     return depth
 
 
-def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any]:
+def masked(values: AnyArray, shot: Shot, masks: Path) -> AnyArray:
     """Return values (H, W) of a shot, 0 where its mask is black; masks: folder of masks (may be empty)."""
     if not (masks / shot.name).is_file():
         return values
@@ -160,14 +160,14 @@ def of_surface(surface: Surface, origin: int) -> DepthMaps:
     return depth
 
 
-def nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
+def nearest(values: AnyArray, size: Size) -> AnyArray:
     """Return a map (H, W) at another size (width, height), each pixel the nearest one of the map."""
     import cv2
 
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
-def _enlarged(depth: Array, size: tuple[int, int]) -> Array:
+def _enlarged(depth: Array, size: Size) -> Array:
     """Enlarge a depth map: linearly within a surface, by the nearest pixel at its borders."""
     import cv2
 

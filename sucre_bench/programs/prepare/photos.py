@@ -4,11 +4,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from sucre_bench.arrays import AnyArray, Size
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import decode, image_size, read_bgr, same_shape, write_png
 from sucre_bench.loading.image_folder import image_names, no_image
@@ -29,7 +28,7 @@ class Photo:
     name: str
     key: str
     path: Path
-    size: tuple[int, int]
+    size: Size
     output: str
     mask: Path | None
     stamp: tuple[object, ...]
@@ -92,7 +91,7 @@ def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
     return no_image(folder, what, "put two or more .jpg, .png or .tif of one place there")
 
 
-def _find_mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
+def _find_mask(masks: Path, name: PurePosixPath, size: Size) -> Path:
     """COLMAP names the mask of a.jpg a.jpg.png; most other tools a.png."""
     for file in (masks / f"{name}.png", masks / name.with_suffix(".png")):
         if file.is_file():
@@ -105,7 +104,7 @@ def _find_mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
     raise MissingFileError("is not there", masks / f"{name}.png", remedy)
 
 
-def read_photo(photo: Photo) -> npt.NDArray[Any]:
+def read_photo(photo: Photo) -> AnyArray:
     """Return a photo (H, W, 3) BGR uint8 or uint16 at its size of use. Raises InputError if unreadable."""
     import cv2
 
@@ -126,7 +125,7 @@ def _damage(path: Path) -> str:
     return ""
 
 
-def read_mask(path: Path, size: tuple[int, int]) -> npt.NDArray[Any]:
+def read_mask(path: Path, size: Size) -> AnyArray:
     """Return a mask (H, W) uint8, white where the picture is used, at a size (width, height)."""
     import cv2
 
