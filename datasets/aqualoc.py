@@ -23,7 +23,7 @@ import numpy as np
 from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pose_of
-from sucre_bench.imaging.image_files import first_size
+from sucre_bench.imaging.image_files import PICTURE_READERS, first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
@@ -36,7 +36,7 @@ _SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile", "yaml", "scipy"),
+    requires=(*PICTURE_READERS, "yaml", "scipy"),
     has=("poses",),
     cites="Ferrera, Creuze, Moras & Trouvé-Peloux 2019, IJRR (AQUALOC)",
     licence="as its download page says",

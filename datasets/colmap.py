@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench import InputError, dataset
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
@@ -24,7 +25,7 @@ from sucre_bench.scene import Encoding, Scene
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("poses", "depth", "reference", "charts"),
     charts_file="charts",
     signs=("sparse/cameras.*", "sparse/0/cameras.*"),

@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from sucre_bench import InputError, Scene, dataset
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
@@ -24,7 +25,7 @@ _YEARS = ("2015", "2016", "2018", "2020")
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("poses", "depth"),
     cites="Boittiaux, Dune, Ferrera, Arnaubec, Marxer, Matabos, Van Audenhaege & Hugel 2023, IJRR",
     licence="as its download page says",

@@ -20,7 +20,7 @@ from typing import Literal
 
 from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Size
-from sucre_bench.imaging.image_files import first_size
+from sucre_bench.imaging.image_files import PICTURE_READERS, first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, scene_name
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens, read_kalibr
@@ -34,7 +34,7 @@ _CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile", "yaml"),
+    requires=(*PICTURE_READERS, "yaml"),
     has=("depth",),
     cites="Randall & Treibitz 2023, arXiv:2302.12772 (FLSea)",
     licence="as its download page says",

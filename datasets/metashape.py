@@ -30,6 +30,7 @@ from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.camera import centred_camera, intrinsics, is_rigid, pose_of
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import (
     Found,
@@ -317,7 +318,7 @@ def _lens(sensor: Element, document: Path) -> Lens:
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     source="your own surveys: File > Export > Export Cameras in Agisoft Metashape, or the project itself",
     proven="has read depth maps that Metashape exported (float16, Deflate), but no document of cameras that it wrote",
     has=("poses", "depth"),

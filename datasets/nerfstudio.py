@@ -23,7 +23,7 @@ from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
 from sucre_bench.camera import intrinsics, is_rigid
 from sucre_bench.errors import InputError, MissingFileError, in_one_line
-from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
+from sucre_bench.imaging.image_files import PICTURE_READERS, SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import DEPTH_SUFFIXES, depth_suffix, read_depth
 from sucre_bench.loading.find_folders import (
     Found,
@@ -100,7 +100,7 @@ _Frame = Mapping[str, Any]
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     source="your own scenes, from ns-process-data, Polycam, RealityCapture, instant-ngp or Blender",
     proven="has read no file of these programs yet, only ours in their formats",
     has=("poses", "depth"),

@@ -24,6 +24,7 @@ from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
 from sucre_bench.camera import is_rigid, pose_of
 from sucre_bench.errors import DamagedFileError, InputError
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.find_folders import ImageFolder, check_images, existing
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
@@ -32,7 +33,7 @@ from sucre_bench.scene import Encoding, Scene
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     cites="Cernea 2020, OpenMVS",
     source="your own scenes: the working folder of OpenMVS's DensifyPointCloud",
     proven="has read no file of OpenMVS yet, only ours in its format",

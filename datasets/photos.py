@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.imaging.image_files import SUFFIXES
+from sucre_bench.imaging.image_files import PICTURE_READERS, SUFFIXES
 from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
 from sucre_bench.loading.image_folder import (
     SplitOption,
@@ -40,7 +40,7 @@ from sucre_bench.scene import Encoding, Scene
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("reference",),
     cites="Peng, Zhu & Bian 2023, IEEE TIP (U-shape Transformer)",
     licence="as its download page says",
@@ -87,7 +87,7 @@ class Lsui(ImageScaleOption, SplitOption):
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     cites="Li, Li & Wang 2019, arXiv:1906.06819",
     licence="as its download page says",
     source="https://github.com/IPNUISTlegal/underwater-test-dataset-U45- (45 images of 256x256)",
@@ -121,7 +121,7 @@ _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("reference",),
     cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP (UIEB)",
     licence="as its download page says",
@@ -158,7 +158,7 @@ class Uieb(ImageScaleOption, SplitOption):
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("reference", "charts"),
     source="your own images",
     charts_file="charts",

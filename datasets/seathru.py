@@ -24,7 +24,14 @@ from sucre_bench import InputError, dataset, track
 from sucre_bench.arrays import Array, Size
 from sucre_bench.camera import centred_camera
 from sucre_bench.imaging.chart_patches import scaled_chart
-from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, resized, same_shape
+from sucre_bench.imaging.image_files import (
+    PICTURE_READERS,
+    SUFFIXES,
+    image_size,
+    read_rgb,
+    resized,
+    same_shape,
+)
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.d5_charts import FULL_SIZE, published_charts
@@ -94,7 +101,7 @@ _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the i
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("poses", "depth", "charts"),
     cites="Akkaynak & Treibitz 2019, CVPR (Sea-thru)",
     licence="as its download page says",

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
 
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import (
     ImageFolder,
@@ -31,7 +32,7 @@ _HELD_OUT = 8  # every eighth image by name, from the first, tests what was lear
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"),
+    requires=PICTURE_READERS,
     has=("poses", "depth"),
     cites="Levy, Peleg, Pearl, Rosenbaum, Akkaynak, Treibitz & Korman 2023, CVPR (SeaThru-NeRF)",
     licence="as its download page says",

@@ -28,6 +28,7 @@ from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.camera import centred_camera, is_rigid, pose_of
 from sucre_bench.errors import InputError, MissingFileError
+from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
@@ -60,7 +61,7 @@ _SAME_TIME_NS = 10_000_000
 
 
 @dataset(
-    requires=("PIL", "cv2", "tifffile"),
+    requires=PICTURE_READERS,
     has=("poses", "depth", "reference"),
     cites="Zwilgmeyer, Yip, Teigen, Mester & Stahl 2021, ICCV Workshops",
     licence="as its download page says",

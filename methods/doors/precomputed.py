@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -31,8 +31,6 @@ from sucre_bench.machine.records import record_of
 from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
-
-T = TypeVar("T")
 
 SUFFIXES = (*image_files.SUFFIXES, ".npy", ".npz")
 
@@ -74,12 +72,12 @@ def inside(name: str) -> PurePosixPath:
     return path
 
 
-_Index = Mapping[str, Sequence[tuple[PurePosixPath, T]]]
+_Index = Mapping[str, Sequence[tuple[PurePosixPath, str]]]
 
 
-def _index(things: Iterable[tuple[PurePosixPath, T]]) -> _Index[T]:
-    """Things with their places in a folder, by the name that a place ends in."""
-    called: dict[str, list[tuple[PurePosixPath, T]]] = defaultdict(list)
+def _index(things: Iterable[tuple[PurePosixPath, str]]) -> _Index:
+    """Names of views or files with their places in a folder, by the name that a place ends in."""
+    called: dict[str, list[tuple[PurePosixPath, str]]] = defaultdict(list)
     for place, thing in things:
         called[place.name].append((place, thing))
     return called
@@ -93,7 +91,7 @@ def _place(name: str, pattern: str) -> PurePosixPath:
 
 
 @functools.lru_cache(maxsize=8)  # all views of a scene ask for the same
-def _views(names: tuple[str, ...], pattern: str) -> _Index[str]:
+def _views(names: tuple[str, ...], pattern: str) -> _Index:
     return _index((_place(name, pattern), name) for name in names)
 
 
@@ -161,7 +159,7 @@ class ImageFolder:
         return self.pattern.endswith("{name}") or self.pattern.lower().endswith(SUFFIXES)
 
     @functools.cached_property
-    def _files(self) -> _Index[PurePosixPath]:
+    def _files(self) -> _Index:
         """The images at any depth, by their place as the pattern gives it."""
         walk = (
             (Path(place).relative_to(self.folder), name)
@@ -171,7 +169,9 @@ class ImageFolder:
         paths = sorted(
             PurePosixPath(place, name) for place, name in walk if name.lower().endswith(SUFFIXES)
         )
-        return _index((path if self._is_whole else path.with_suffix(""), path) for path in paths)
+        return _index(
+            (path if self._is_whole else path.with_suffix(""), str(path)) for path in paths
+        )
 
 
 FileEncoding = Literal["view", "gamma", "linear"]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.resizing import resized_by_pillow
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Restoration, View
 
@@ -23,15 +24,7 @@ def resized(image: Array, height: int, width: int) -> Array:
     """
     if image.shape[:2] == (height, width):
         return image
-    from PIL import Image
-
-    planes = (
-        Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32))
-        for c in range(image.shape[2])
-    )
-    return np.stack(
-        [np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1
-    )
+    return resized_by_pillow(image.astype(np.float32), (width, height), "bicubic")
 
 
 def restored_at(

@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sucre_bench.arrays import AnyArray, Array, Mask, locked, once
 from sucre_bench.errors import NotApplicableError

@@ -36,6 +36,8 @@ SUFFIXES = (
     ".webp",
 )
 
+PICTURE_READERS = ("cv2", "PIL", "tifffile")  # the packages that read these files
+
 # The environment variable of the most megapixels that a picture may have, and its default: two of the largest cameras'
 # pictures. The most bytes a pixel: four channels of 32 bits.
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from sucre_bench.arrays import AnyArray, Array, locked, once
+from sucre_bench.arrays import AnyArray, Array, Size, locked, once
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
@@ -78,9 +78,14 @@ def resized(image: AnyArray, resizing: Resizing) -> AnyArray:
         import cv2
 
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR))
+    return resized_by_pillow(image, size, resizing.by)
+
+
+def resized_by_pillow(image: AnyArray, size: Size, by: Literal["bicubic", "nearest"]) -> AnyArray:
+    """Return an image (H, W, C), uint8 or float32, at a size (width, height), each channel by itself."""
     from PIL import Image
 
-    how = Image.Resampling.BICUBIC if resizing.by == "bicubic" else Image.Resampling.NEAREST
+    how = Image.Resampling.BICUBIC if by == "bicubic" else Image.Resampling.NEAREST
     planes = (Image.fromarray(np.ascontiguousarray(image[..., c])) for c in range(image.shape[-1]))
     return np.stack([np.asarray(plane.resize(size, how)) for plane in planes], axis=-1)
 

@@ -71,12 +71,10 @@ def bundle_results(
     }
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
-        picture = place.restored(folder, row.method) if place else None
-        if place is None or picture is None or (fault := fault_of(picture)):
-            where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            fault = (
-                "the restored image is gone" if picture is None or not picture.exists() else fault
-            )
+        picture = place.restored(folder, row.method) if place else folder / "restored"
+        if place is None or (fault := fault_of(picture)):
+            where = picture if place else f"{folder}: {row.dataset} / {row.method} / {row.view}"
+            fault = fault if place and picture.exists() else "the restored image is gone"
             raise InputError(fault, where, "repeat the run's command, which makes it again")
         more = (place.original(folder), place.reference(folder))
         found |= {
@@ -85,20 +83,14 @@ def bundle_results(
         if record := record_of(picture):
             name = picture.with_suffix(".json").relative_to(folder).as_posix()
             found[name] = json.dumps(record, indent=1).encode()
-    inside = {
-        "none": (),
-        "restored": ("restored/",),
-        "all": ("restored/", "views/", "references/"),
-    }[pictures]
+    inside = {"none": (), "restored": ("restored/",), "all": ("",)}[pictures]
     files = {
-        n: file
-        for n, file in found.items()
-        if n in _TEXTS or n.endswith(".json") or n.startswith(inside)
+        name: file
+        for name, file in found.items()
+        if name in _TEXTS or name.endswith(".json") or name.startswith(inside)
     }
-    outside = {
-        n: hash_of(found[n])
-        for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")
-    }
+    pictures_outside = progress.track(sorted(found.keys() - files.keys()), "hashing pictures")
+    outside = {name: hash_of(found[name]) for name in pictures_outside}
     n_inside = len(files.keys() - set(_TEXTS))
     files |= {name: text.encode() for name, text in (texts or {}).items()}
     every = pd.concat([rows, common])

@@ -1,10 +1,10 @@
 """Score any folder of images, with no dataset and no method: `sucre-bench score`."""
 
-import functools
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -121,10 +121,11 @@ def score_folder(
             fitting = _fitting(path, rgb.shape, target.shape, names)
             if compared_with:
                 outlines[name] = outline(rgb), outline(target)
-                _say_black_blocks(path, rgb, compared_with, target)
+                say_if_black(path, rgb, partial(np.asarray, target), _HOLES)
+                say_if_black(compared_with, target, partial(np.asarray, rgb))
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
-            work = functools.partial(score, picture, view, fitting)
+            work = partial(score, picture, view, fitting)
             tables.append(
                 processes.call(work, "mend the metric, or leave it out") if is_foreign else work()
             )
@@ -145,11 +146,6 @@ def score_folder(
         sets,
         shared,
     )
-
-
-def _say_black_blocks(path: Path, rgb: Array, reference_path: Path, reference: Array) -> None:
-    say_if_black(path, rgb, lambda: reference, _HOLES)
-    say_if_black(reference_path, reference, lambda: rgb)
 
 
 def _say_if_of_other_reference(images: Path, outlines: Mapping[str, tuple[Array, Array]]) -> None:

@@ -42,6 +42,7 @@ from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 
 _NO_PICTURES = "the bundle has no pictures; ask for one of `bundle --pictures restored`"
+_ROUNDED = "needs the restoration before it was rounded"
 _VIEW = ["dataset", "scene", "view"]
 # Rounding moves pixels over the limits of a share: 6.5e-5 of them at most, in 24 restored images of D5 by six methods.
 _MOVED = 0.001
@@ -86,6 +87,11 @@ class Outcome:
     unchecked: dict[str, int] = field(default_factory=Counter)
     needs_data: bool = False
     other_versions: list[str] = field(default_factory=list)
+
+    def skip(self, reason: str, count: int = 1, of_data: bool = False) -> None:
+        """Note scores that cannot be computed again. of_data: they can with the data."""
+        self.unchecked[reason] += count
+        self.needs_data |= of_data
 
     @property
     def n_scores(self) -> int:
@@ -276,7 +282,7 @@ class _Check:
             if opened := self._opened(whole):
                 self._score(whole, opened, scores)
             else:
-                self._outcome.unchecked[_NO_PICTURES] += len(scores)
+                self._outcome.skip(_NO_PICTURES, len(scores))
 
     def view(self, said: Any, scores: Sequence[Any]) -> None:
         """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
@@ -288,19 +294,17 @@ class _Check:
             "the common pixels cannot be found again",
         ):
             if methods_of(said.options) != whole.keys():
-                self._outcome.unchecked["common to other methods than the bundle has"] += len(
-                    scores
-                )
+                self._outcome.skip("common to other methods than the bundle has", len(scores))
                 return
             if any(row.time > said.time for row in whole.values()):
                 reason = "on common pixels of earlier restorations, which no table shows"
-                self._outcome.unchecked[reason] += len(scores)
+                self._outcome.skip(reason, len(scores))
                 return
             found = {
                 method: opened for method, row in whole.items() if (opened := self._opened(row))
             }
             if found.keys() != whole.keys():
-                self._outcome.unchecked[_NO_PICTURES] += len(scores)
+                self._outcome.skip(_NO_PICTURES, len(scores))
                 return
             common = self._common_pixels(said, found)
             for method, opened in found.items():
@@ -324,7 +328,7 @@ class _Check:
                 else str(fault)
             )
             self._outcome.faults.append(f"{where}: {text}")
-            self._outcome.unchecked[reason] += len(scores)
+            self._outcome.skip(reason, len(scores))
 
     def _common_pixels(self, said: Any, found: Mapping[str, _Opened]) -> Mask:
         """Return the pixels (H, W) that all methods fill. Raises InputError if the bundle says others."""
@@ -366,7 +370,7 @@ class _Check:
         )
         for score, scorer in zip(scores, chosen, strict=True):
             if isinstance(scorer, str):
-                self._outcome.unchecked[scorer] += 1
+                self._outcome.skip(scorer)
                 continue
             # The bundle has references as JPEG files, and no charts, which shares of pixels leave out.
             is_inexact = scene is None and (
@@ -393,8 +397,7 @@ class _Check:
                 and alone.status == "skipped"
                 and Reason.of(alone.reason) is Reason.LACK
             ):
-                outcome.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
-                outcome.needs_data = True
+                outcome.skip(f"{score.metric} {brief(alone.reason)} of the data", of_data=True)
                 return
         else:
             if metric not in self._unrounded:
@@ -402,13 +405,11 @@ class _Check:
                     scorer, pictured.restoration, pictured.view
                 )
             if self._unrounded[metric]:
-                outcome.unchecked[
-                    f"{score.metric} needs the restoration before it was rounded"
-                ] += 1
+                outcome.skip(f"{score.metric} {_ROUNDED}")
                 return
             if is_inexact and not is_equal:
-                outcome.unchecked[f"{score.metric} needs the reference or charts of the data"] += 1
-                outcome.needs_data = True
+                reason = f"{score.metric} needs the reference or charts of the data"
+                outcome.skip(reason, of_data=True)
                 return
             if (
                 RowCode.read(score.code).metric != scorer.code
@@ -422,7 +423,7 @@ class _Check:
         plugin = scorer.plugin
         value = again.value if again and again.status == "ok" else math.nan
         if plugin.faults or (_is_share(plugin) and abs(value - score.value) <= _MOVED):
-            outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
+            outcome.skip(f"{score.metric} {_ROUNDED}")
             return
         names = (score.dataset, score.method, score.scene, score.view, *key)
         pixels: Pixels = "common" if hasattr(score, "pixels") else "own"
