@@ -43,7 +43,7 @@ _COUNTER = "num_batches_tracked"
 
 def check_file(path: Path, option: str) -> None:
     """Raise MissingFileError if nothing is there, FileError for anything but a file. option: the one that names it."""
-    remedy = f"give the network's file in method.{option}, none is shipped"
+    remedy = f"give the network's file in {typed_option(option)}, none is shipped"
     try:
         regular(path, remedy)
     except FileError as fault:

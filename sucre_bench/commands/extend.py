@@ -6,7 +6,7 @@ import shutil
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +19,10 @@ from sucre_bench.commands.completion import complete_words
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import GROUPS, entry, option_entry, preset_entries
 from sucre_bench.machine import terminal
-from sucre_bench.plugins.options import Option, options_of
-from sucre_bench.plugins.plugin import Broken, Plugin
+from sucre_bench.plugins.options import options_of
 
 if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Status
-
-
-_Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
 
 
 @click.command("list")
@@ -50,140 +46,109 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
 
     A plugin has a line. With NAME, list prints all of it: needs, options, publication.
     """
-    known: list[tuple[str, _Item]]
+    known = _known(what)
+    for name in names:
+        if name not in known:
+            raise plugins.unknown(what[:-1], name, known)
+    chosen = {name: about for name, about in known.items() if not names or name in names}
+    if as_json:
+        shared.print_json(chosen if what == "degradations" else [*chosen.values()])
+    elif what == "degradations":
+        for name, about in chosen.items():
+            _show(_option_lines(name, about))
+    elif what == "experiments":
+        _show(f"{name}  {about['description']}" for name, about in chosen.items())
+    elif names or what == "sets":
+        texts = ["\n".join(_entry(what, about)) for about in chosen.values()]
+        if what == "metrics":
+            texts.append("metric:variant, * computed unless others are asked for")
+        _show(["\n\n".join(texts)])
+    else:
+        width = max(map(len, chosen))
+        _show(_line(f"{name:{width}}  ", about) for name, about in chosen.items())
+        _show(["", f"options and publication: sucre-bench list {what} NAME"])
+
+
+def _known(what: str) -> dict[str, dict[str, Any]]:
+    """What there is, by name, as --json shows it."""
     if what == "degradations":
-        known = [(option.name, option) for option in options_of(Degradation)]
-    elif what == "sets":
+        return {option.name: option_entry(option) for option in options_of(Degradation)}
+    if what == "sets":
         from sucre_bench.loading.named_sets import named_sets
 
-        known = [(one.name, one.as_object()) for one in named_sets().values()]
-    else:
-        kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
-        known = [*(plugins.discover(kind).items() if kind else ())]
-        known += [
-            (str(preset["name"]), preset)
-            for preset in preset_entries(GROUPS[kind] if kind else what[:-1])
-        ]
-    every = [name for name, _ in known]
-    for name in names:
-        if name not in every:
-            raise plugins.unknown(what[:-1], name, every)
-    items = [item for name, item in known if not names or name in names]
-    if not as_json:
-        terminal.show(Text.from_ansi(_as_text(what, items, not names)))
-    elif what == "degradations":
-        shared.print_json(
-            {item.name: option_entry(item) for item in items if isinstance(item, Option)}
-        )
-    else:
-        shared.print_json(
-            [entry(item) if isinstance(item, Plugin | Broken) else item for item in items]
-        )
+        return {name: one.as_object() for name, one in named_sets().items()}
+    kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
+    found = plugins.discover(kind) if kind else {}
+    presets = preset_entries(GROUPS[kind] if kind else what[:-1])
+    return {name: entry(plugin) for name, plugin in found.items()} | {
+        str(preset["name"]): preset for preset in presets if preset["name"] not in found
+    }
 
 
-def _as_text(what: str, items: Sequence[_Item], is_short: bool) -> str:
-    """A line a plugin if is_short; else each with its needs, licence, options and whether it can run here.
-
-    Lines are wrapped to the terminal, in colour.
-    """
-    if what == "experiments":
-        return "\n".join(
-            f"{item['name']}  {item['description']}" for item in items if isinstance(item, dict)
-        )
-    if what == "degradations":
-        return "\n".join(
-            line for item in items if isinstance(item, Option) for line in _option_lines(item)
-        )
-    if is_short and what != "sets":
-        lines = [_line(item, max(len(_name(each)) for each in items)) for item in items]
-        return "\n".join([*lines, "", f"options and publication: sucre-bench list {what} NAME"])
-    texts = []
-    for item in items:
-        if isinstance(item, dict):
-            about = (
-                ("description", "recognised", "source", "licence", "used_by")
-                if what == "sets"
-                else ("description",)
-            )
-            texts.append(
-                "\n".join(
-                    [
-                        click.style(item["name"], bold=True),
-                        *(x for key in about for x in _wrapped("", item[key])),
-                    ]
-                )
-            )
-        elif isinstance(item, Plugin | Broken):
-            texts.append(_entry(item))
-    if what == "metrics":
-        texts.append("metric:variant, * computed unless others are asked for")
-    return "\n\n".join(texts) or f"no {what}"
+def _show(lines: Iterable[str]) -> None:
+    terminal.show(Text.from_ansi("\n".join(lines)))
 
 
-def _name(item: _Item) -> str:
-    return str(item["name"]) if isinstance(item, dict) else item.name
+def _lack(about: Mapping[str, Any]) -> str:
+    """Why a plugin cannot be used here; empty if it can."""
+    if "broken" in about:
+        return f"cannot be used: {about['broken']}"
+    return f"not installed: {about['install']}" if about.get("install") else ""
 
 
-def _line(item: _Item, width: int) -> str:
-    """A name with the first words about it, or why it cannot be used. width: of the longest name."""
-    said = item["description"] if isinstance(item, dict) else ""
-    lack = ""
-    if isinstance(item, Broken):
-        lack = f"cannot be used: {item.reason}"
-    elif isinstance(item, Plugin):
-        said = item.summary
-        install = entry(item)["install"]
-        if install:
-            lack = f"not installed: {install}"
-    name = f"{_name(item):{width}}  "
-    if lack:
+def _line(name: str, about: Mapping[str, Any]) -> str:
+    """A name with the first words about it, or why it cannot be used."""
+    if lack := _lack(about):
         return click.style(name + lack, fg="red")
     room = max(60, shutil.get_terminal_size().columns) - len(name)
-    return click.style(name, bold=True) + textwrap.shorten(said, room, placeholder=" …")
+    said = textwrap.shorten(about["description"], room, placeholder=" …")
+    return click.style(name, bold=True) + said
 
 
-def _entry(plugin: Plugin | Broken) -> str:
-    if isinstance(plugin, Broken):
-        return click.style(f"{plugin.name}  cannot be used: {plugin.reason}", fg="red")
-    about = entry(plugin)
-    lines = [click.style(plugin.name, bold=True)]
-    if about["install"]:
-        lines[0] += click.style(f"  not installed: {about['install']}", fg="red")
-    lines += _wrapped("", plugin.summary)
-    if plugin.kind == "metric":
-        direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
-        lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
-    if plugin.opinions:
-        about["opinions"] = ", ".join(
-            f"{study}: {score:g}" for study, score in plugin.opinions.items()
-        )
-    for key in (
-        "needs",
-        "has",
-        "signs",
-        "source",
-        "proven",
-        "licence",
-        "cites",
-        "differs",
-        "opinions",
-    ):
-        text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about.get(key, "")
-        lines += _wrapped(f"{'known by' if key == 'signs' else key}  ", text) if text else []
-    for name, said in plugin.variants.items():
-        lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
-    for option in options_of(plugin.cls):
-        lines += _option_lines(option)
-    return "\n".join(lines)
+# What `list NAME` shows of a plugin or a set, below its description.
+_SHOWN = {
+    "recognised": "",
+    "needs": "needs",
+    "has": "has",
+    "signs": "known by",
+    "source": "source",
+    "proven": "proven",
+    "licence": "licence",
+    "cites": "cites",
+    "differs": "differs",
+    "opinions": "opinions",
+    "used_by": "",
+}
 
 
-def _option_lines(option: Option) -> list[str]:
-    words = [*option.choices, *([] if option.is_closed else ["..."])]
-    choices = f" ({'|'.join(words)})" if option.choices else ""
-    default = (
-        "" if option.is_required else f"={'none' if option.default is None else option.default}"
-    )
-    return _wrapped(f"{option.name}{default}{choices}  ", option.help)
+def _entry(what: str, about: Mapping[str, Any]) -> Iterator[str]:
+    """All of a plugin, preset or set: a line a fact, in colour, wrapped to the terminal."""
+    lack = click.style(f"  {_lack(about)}", fg="red") if _lack(about) else ""
+    yield click.style(about["name"], bold=True) + lack
+    yield from _wrapped("", about.get("description", ""))
+    if "better" in about:
+        direction = "describes" if about["better"] == "none" else f"{about['better']} is better"
+        yield from _wrapped("", f"{direction}, in {about['unit']}" if about["unit"] else direction)
+    for key, title in _SHOWN.items():
+        value = about.get(key, "")
+        if isinstance(value, dict):
+            value = [f"{study}: {score:g}" for study, score in value.items()]
+        text = value if isinstance(value, str) else ", ".join(value)
+        if text:
+            yield from _wrapped(f"{title}  " if title and what != "sets" else "", text)
+    for name, said in about.get("variants", {}).items():
+        star = "*" if name in about["default"] else ""
+        yield from _wrapped(f"{about['name']}:{name}{star}  ", said)
+    for name, option in about.get("options", {}).items():
+        yield from _option_lines(name, option)
+
+
+def _option_lines(name: str, about: Mapping[str, Any]) -> list[str]:
+    words = about.get("choices") or [*about.get("words", ()), "..."]
+    choices = f" ({'|'.join(words)})" if len(words) > 1 else ""
+    default = "none" if about["default"] is None else about["default"]
+    given = "" if default == "must be given" else f"={default}"
+    return _wrapped(f"{name}{given}{choices}  ", about.get("help", ""))
 
 
 def _wrapped(head: str, text: str) -> list[str]:

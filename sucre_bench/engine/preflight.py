@@ -35,7 +35,6 @@ from sucre_bench.loading.passed_over import say_passed_over
 from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
-from sucre_bench.plugins.call_method import typed_before
 from sucre_bench.plugins.options import Choice, options_of, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
@@ -315,7 +314,7 @@ def check(command: Command) -> list[Planned]:
                 _planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared)
             )
         except SucreBenchError as fault:
-            problems.append(command.as_typed(str(fault)))
+            problems.append(str(fault))
     if not problems and not rows.empty:
         problems = _clashes(planned, rows)
     if problems:
@@ -444,8 +443,7 @@ def _without_results(
 def _try_to_make(choice: Choice, out: Path) -> None:
     """Raise InputError if a plugin refuses its options, named as the command takes them."""
     try:
-        with typed_before(choice.word):
-            choice.make(out)
+        choice.make(out)
     except SucreBenchError:
         raise
     except BaseException as fault:

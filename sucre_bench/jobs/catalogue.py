@@ -298,13 +298,13 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
 
 
 def option_entry(option: Option) -> dict[str, Any]:
-    """Return an option's default, its choices if there are no others, and its help."""
+    """Return an option's default, its choices, or words if others may be given too, and its help."""
     default = "must be given" if option.is_required else option.default
     if default is not None and not isinstance(default, (int, float, str, bool)):
         default = str(default)
     about: dict[str, Any] = {"default": default}
-    if option.is_closed:
-        about["choices"] = list(option.choices)
+    if option.choices:
+        about["choices" if option.is_closed else "words"] = list(option.choices)
     return about | ({"help": option.help} if option.help else {})
 
 

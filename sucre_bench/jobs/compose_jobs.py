@@ -16,13 +16,14 @@ import itertools
 import operator
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, unknown_name
+from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind, read, reading_experiment
-from sucre_bench.jobs.catalogue import SEED, plugin_of
+from sucre_bench.jobs.catalogue import SEED
 from sucre_bench.jobs.entries import Entries, Entry
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.words import Word, first_line, literal, quoted, value_of
@@ -51,15 +52,6 @@ class Command:
     overrides: tuple[tuple[str, ...], ...] = ((),)
     """Of each job, with which Hydra composes it again."""
 
-    keys: Mapping[str, str] = field(default_factory=dict)
-    """How the user typed keys that a plugin knows by another name."""
-
-    def as_typed(self, text: str) -> str:
-        """Return a message with options named as the user typed them."""
-        for key, typed in self.keys.items():
-            text = re.sub(rf"\b{re.escape(key)}\b", typed, text)
-        return text
-
 
 def jobs(words: Sequence[str], multirun: bool) -> Command:
     """Let Hydra compose the jobs that overrides ask for, or an experiment's file among them, and check every job.
@@ -76,26 +68,26 @@ def command_of(asked: Asked) -> Command:
 
     Raises InputError at the word that is wrong, or at the experiment.
     """
-    keys: dict[str, str] = {}
-    with _faults(asked, keys):
+    with _faults(asked):
         entries = Entries(asked)
         if asked.config is None:
-            config = configs.composed(_lines_of(asked, entries, keys))
-            return Command((job_of(config),), config, asked.words, keys=keys)
-        words = [word for word in entries.params if not entries.is_replaced(word)]
-        words += asked.typed
+            config = configs.composed(_lines_of(asked, entries))
+            words: dict[str, str] = {kind: entries.chosen[kind][0].word for kind in KINDS}
+            return Command((job_of(config, (), words),), config, asked.words)
+        settings = [word for word in entries.params if not entries.is_replaced(word)]
+        settings += asked.typed
         made = list[tuple[Job, tuple[str, ...]]]()
         starts: dict[tuple[str, ...], dict[str, Any]] = {}
         with configs.current(asked.config):
             for pair in itertools.product(*(entries.chosen[kind] for kind in KINDS)):
                 of_pair = dict(zip(KINDS, pair, strict=True))
-                settings = _settings(of_pair, words, entries, keys)
-                made += _of_pair(of_pair, settings, entries, asked, starts)
+                of_both = _settings(of_pair, settings, entries)
+                made += _of_pair(of_pair, of_both, asked, starts)
     every = [job for job, _ in made]
     _refuse_same_place(every)
     overrides = tuple(lines for _, lines in made)
     shared = tuple(_sharing_pairs(every, asked))
-    return Command(shared, asked.config, asked.words, True, overrides, keys)
+    return Command(shared, asked.config, asked.words, True, overrides)
 
 
 def lines_of(asked: Asked) -> list[str]:
@@ -103,26 +95,26 @@ def lines_of(asked: Asked) -> list[str]:
 
     Raises InputError for an unknown name or option.
     """
-    return _lines_of(asked, Entries(asked), {})
+    return _lines_of(asked, Entries(asked))
 
 
-def _lines_of(asked: Asked, entries: Entries, keys: dict[str, str]) -> list[str]:
+def _lines_of(asked: Asked, entries: Entries) -> list[str]:
     lines = [*asked.of_hydra]
     for kind in KINDS:
         names = [quoted(entry.name) for entry in entries.chosen[kind]]
         if any(word.key == kind for word in asked.typed):
             lines.append(f"{kind}={','.join(names)}")
-    for key, word in _settings({}, asked.typed, entries, keys).items():
+    for key, word in _settings({}, asked.typed, entries).items():
         lines.append(f"~{key}" if word.is_deleted else word.line)
     return lines
 
 
 def _settings(
-    pair: Mapping[Kind, Entry], words: Sequence[Word], entries: Entries, keys: dict[str, str]
+    pair: Mapping[Kind, Entry], words: Sequence[Word], entries: Entries
 ) -> dict[str, Word]:
     """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
 
-    pair: empty for all datasets and methods; keys: receives each key as the user typed it.
+    pair: empty for all datasets and methods.
     """
     settings: dict[str, Word] = {}
     for kind in KINDS:
@@ -138,36 +130,32 @@ def _settings(
             if pair and not option.is_for(pair[option.kind]):
                 continue
             key = f"{option.kind}.{option.name}"
-            for entry in [pair[option.kind]] if pair else entries.chosen[option.kind]:
-                plugin = plugin_of(option.kind, entry.name)
-                keys |= {key: word.key, f"{plugin.name if plugin else ''}.{option.name}": word.key}
             word = replace(word, line=f"++{key}={word.value}")
         settings.pop(key, None)
         settings[key] = word
     return settings
 
 
-def job_of(config: DictConfig, swept: Sequence[str] = ()) -> Job:
-    """Return the job of a configuration that Hydra composed. swept: the keys whose values its labels name.
+def job_of(
+    config: DictConfig,
+    swept: Sequence[str] = (),
+    words: Mapping[str, str] = MappingProxyType({}),
+) -> Job:
+    """Return the job of a configuration that Hydra composed. swept, words: see `Job.of`.
 
     Raises InputError for an option that is unknown, and for a value that is not acceptable.
     """
     with configs.current(config) if "hydra" in config else contextlib.nullcontext():
-        return Job.of(_filled(configs.plain(config)), swept)
+        return Job.of(_filled(configs.plain(config)), swept, words)
 
 
 @contextlib.contextmanager
-def _faults(asked: Asked, keys: Mapping[str, str]) -> Iterator[None]:
-    """Name the word or the experiment at which a fault of this block is.
-
-    keys: how the user typed a key that a plugin knows by another name.
-    """
+def _faults(asked: Asked) -> Iterator[None]:
+    """Name the experiment at which a fault of this block is, unless it is at a word."""
     try:
         yield
     except SucreBenchError as fault:
-        place = keys.get(fault.place, fault.place)
-        if not isinstance(fault, UnknownPluginError):
-            fault = type(fault)(fault.fault, place, fault.remedy)
+        place = fault.place
         typed = {text for word in asked.typed for text in (word.text, word.key, word.head)}
         values = "=".join(word.text.partition("=")[2] for word in asked.typed)
         names = re.findall(r"[^][,'\":=]+", values)
@@ -184,7 +172,6 @@ def _faults(asked: Asked, keys: Mapping[str, str]) -> Iterator[None]:
 def _of_pair(
     pair: Mapping[Kind, Entry],
     words: Mapping[str, Word],
-    entries: Entries,
     asked: Asked,
     starts: dict[tuple[str, ...], dict[str, Any]],
 ) -> Iterator[tuple[Job, tuple[str, ...]]]:
@@ -194,10 +181,6 @@ def _of_pair(
     """
     swept = [key for key, word in words.items() if word.is_swept]
     deleted = [key for key, word in words.items() if word.is_deleted]
-    method = pair["method"]
-    own_word = method.label if method.label.replace("-", "_").isidentifier() else method.name
-    if not method.label and len(entries.chosen["method"]) == 1:
-        own_word = "method"
     for given in itertools.product(*(word.values for word in words.values())):
         settings = dict(zip(words, given, strict=True))
         choices = [f"{kind}={quoted(entry.name)}" for kind, entry in pair.items()]
@@ -210,8 +193,7 @@ def _of_pair(
         values = copy.deepcopy(start)
         for key, value in settings.items():
             _put(values, key, value, key in deleted)
-        job = Job.of(_filled(values), swept)
-        job = replace(job, method=replace(job.method, word=own_word))
+        job = Job.of(_filled(values), swept, {kind: entry.word for kind, entry in pair.items()})
         labels = {
             "dataset.label": job.values["dataset"]["label"] or job.dataset.plugin.name,
             "method.label": job.method.label,

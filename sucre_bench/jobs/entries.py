@@ -41,6 +41,9 @@ class Entry:
     is_one_of_many: bool = False
     """Whether labels must name its options, which tell it from others of its name."""
 
+    word: str = ""
+    """What the user types before its options."""
+
     @property
     def label(self) -> str:
         """The given label, empty where none is given."""
@@ -106,10 +109,12 @@ class Entries:
         for kind in KINDS:
             chosen = self._chosen(kind)
             unlabelled = Counter(entry.name for entry in chosen if not entry.label)
-            self.chosen[kind] = tuple(
-                replace(entry, is_one_of_many=not entry.label and unlabelled[entry.name] > 1)
-                for entry in chosen
-            )
+            made = []
+            for entry in chosen:
+                is_one_of_many = not entry.label and unlabelled[entry.name] > 1
+                word = self._word(kind, entry, len(chosen) == 1)
+                made.append(replace(entry, is_one_of_many=is_one_of_many, word=word))
+            self.chosen[kind] = tuple(made)
 
     def _listed(self, kind: Kind) -> tuple[Entry, ...]:
         """The datasets or methods that an experiment lists for the sweeper."""
@@ -163,6 +168,16 @@ class Entries:
         lacks_root = not has_root and "root" in _required(kind, name)
         is_folder = kind == "dataset" and lacks_root and Path(name).is_dir()
         return _entry(kind, f"./{name}" if is_folder else name)
+
+    def _word(self, kind: Kind, entry: Entry, is_alone: bool) -> str:
+        """What the user types before its options: as in this command, or as they could be typed there."""
+        heads = [word.head for word in self._asked.typed if word.head != word.key]
+        meant = [head for head in heads if head in (kind, *entry.names)]
+        typed = meant[-1] if meant else ""
+        if typed or (is_alone and not entry.label):
+            return typed or kind
+        is_word = entry.label.replace("-", "_").isidentifier()
+        return entry.label if is_word else entry.name
 
     def _lack(self, kind: Kind, name: str) -> str:
         """What a plugin or preset lacks: options that no word gives, or packages; empty for nothing."""

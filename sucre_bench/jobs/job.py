@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from sucre_bench import plugins
@@ -49,14 +50,22 @@ class Job(RunConfig):
         return replace(self, views=None, every=1, first=None, shard=Shard())
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], swept: Sequence[str] = ()) -> Job:
+    def of(
+        cls,
+        values: Mapping[str, Any],
+        swept: Sequence[str] = (),
+        words: Mapping[str, str] = MappingProxyType({}),
+    ) -> Job:
         """Read a configuration. swept: the keys that a sweep varies; labels name their values.
 
+        words: what the user types before the options of the dataset and of the method, see `Choice.word`.
         Raises InputError for an option that is unknown, and for a value that is not acceptable.
         """
         run = RunConfig.of(values)
-        dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
-        dataset, method = _labelled(dataset, swept), _labelled(method, swept)
+        given = plugin_choice("dataset", run.dataset, words.get("dataset", ""))
+        dataset = _labelled(given, swept)
+        given = plugin_choice("method", run.method, words.get("method", ""))
+        method = _labelled(given, swept)
         if pinned := getattr(method.plugin.cls, "pinned", None):
             # the options as rows are to record them
             method = replace(method, options=pinned(method.options))

@@ -16,8 +16,8 @@ from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View,
 # The chosen display, whether all of a result is wanted, and whether a run calls the method.
 _WANTED: ContextVar[tuple[str, bool, bool]] = ContextVar("wanted", default=("", True, False))
 
-# What a user types before the options of the method at work.
-_BEFORE: ContextVar[str] = ContextVar("before options", default="method")
+# What a user types before the options of the plugin at work; empty where nobody says it.
+_BEFORE: ContextVar[str] = ContextVar("before options", default="")
 
 
 @contextmanager
@@ -66,7 +66,12 @@ def typed_before(word: str) -> Iterator[None]:
 
 def typed_option(name: str) -> str:
     """Return an option of the method at work as its user types it, "sucre.robust" for "robust": for its messages."""
-    return f"{_BEFORE.get()}.{name}"
+    return f"{word_before('method')}.{name}"
+
+
+def word_before(otherwise: str) -> str:
+    """Return what a user types before the options of the plugin at work, or this word where nobody says it."""
+    return _BEFORE.get() or otherwise
 
 
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:

@@ -25,6 +25,7 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.machine.records import records_above, stored_record
+from sucre_bench.plugins.call_method import typed_before, word_before
 from sucre_bench.plugins.plugin import Kind, Plugin, fits
 from sucre_bench.plugins.registry import find, get, is_name
 
@@ -129,12 +130,14 @@ def _taken(kind: Any) -> list[str]:
 def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
     """Return the given values of a class's options as their types have them.
 
-    cls: of a plugin, or of a group of options of `sucre-bench run`; place: what stands before the options of a group.
+    cls: of a plugin, or of a group of options of `sucre-bench run`; place: what the user types before the options, of a
+    plugin its name by default.
     Raises InputError for an unknown option, a missing one, a value of another type, or a word that a Literal does not
     admit.
     """
     plugin: Plugin | None = getattr(cls, "__plugin__", None)
-    place = plugin.name if plugin else place
+    owner = plugin.name if plugin else place
+    place = place or owner
     remedy = f"see `sucre-bench list {plugin.kind}s`" if plugin else "see `sucre-bench run --help`"
     known = {option.name: option for option in options_of(cls)}
     values = {}
@@ -169,7 +172,7 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
     for option in known.values():
         if option.is_required and option.name not in values:
             word = f"{plugin.kind if plugin else place}.{option.name}={'FOLDER' if option.name == 'root' else 'VALUE'}"
-            raise InputError("must be given", f"{place}.{option.name}", f"add {word}")
+            raise InputError("must be given", f"{owner}.{option.name}", f"add {word}")
     return values
 
 
@@ -229,7 +232,7 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
         ):
             if value is None and is_optional:
                 continue
-            before = type(options).__plugin__.name if place is None else place
+            before = word_before(type(options).__plugin__.name) if place is None else place
             noun = "whole number" if is_whole else "number"
             noun = f"{noun}s" if is_many else f"a {noun}"
             or_none = " or none" if is_optional else ""
@@ -278,13 +281,13 @@ class Choice:
     variants: tuple[str, ...] = ()
     """Of a metric."""
 
-    word: str = field(default="method", compare=False)
-    """What stands before an option of a method in the command, "sucre" say."""
+    word: str = field(default="", compare=False)
+    """What the user types before its options in the command, "sucre" or "method"; empty where nobody typed any."""
 
     @property
     def always_typed(self) -> str:
         """What stands before an option of a method in any command: its name, or that of a preset."""
-        return self.plugin.name if self.word == "method" else self.word
+        return self.plugin.name if self.word in ("", "method") else self.word
 
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
@@ -297,7 +300,8 @@ class Choice:
         plugin = self.plugin
         require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
         seed = {} if self.seed is None else {"seed": self.seed}
-        made = plugin.cls(**{**self.options, **seed})
+        with typed_before(self.word):
+            made = plugin.cls(**{**self.options, **seed})
         for option, path in read_by_options(plugin, self.options):
             if isinstance(path, Plugin):
                 continue
@@ -307,7 +311,7 @@ class Choice:
             may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
             if not may_come and (fault := fault_of(path)) and not path.is_dir():
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-                before = self.word if plugin.kind == "method" else plugin.kind
+                before = self.word or plugin.kind
                 raise InputError(
                     fault, path, f"give a path that exists in {before}.{option.name}{words}"
                 )
@@ -344,10 +348,10 @@ class Choice:
         }
 
 
-def plugin_choice(kind: Kind, values: Any) -> Choice:
+def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
     """Return the plugin that `name` in the values is, with its label, display and checked options.
 
-    Raises InputError for what the plugin does not take.
+    word: see `Choice`. Raises InputError for what the plugin does not take.
     """
     values = dict(values or {})
     if "name" not in values:
@@ -365,7 +369,8 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
             raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
     if label and not label.strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
-    return Choice(plugin, label or plugin.name, checked_options(plugin.cls, values), display)
+    options = checked_options(plugin.cls, values, word)
+    return Choice(plugin, label or plugin.name, options, display, word=word)
 
 
 def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
