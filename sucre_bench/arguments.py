@@ -42,29 +42,12 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
             SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__
         )
 
-    def _lacking(args: Iterable[Any], kwargs: Mapping[str, Any]) -> str:
-        """All arguments that are missing, if that is the fault: Python's message names the first."""
-        try:
-            given = signature.bind_partial(*args, **kwargs).arguments
-        except TypeError:
-            return ""
-        lacking = [one.name for one in signature.parameters.values() if one.default is one.empty]
-        is_one = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        lacking = [
-            one
-            for one in lacking
-            if one not in given and signature.parameters[one].kind not in is_one
-        ]
-        return f"missing required arguments: {', '.join(lacking)}" if len(lacking) > 1 else ""
-
     @functools.wraps(function)
     def checking(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError as fault:
-            raise InputError(
-                _lacking(args, kwargs) or str(fault), name, f"see help({name})"
-            ) from fault
+            raise InputError(str(fault), name, f"see help({name})") from fault
         given = bound.arguments
         for parameter, hint in hints().items():
             if (

@@ -73,7 +73,12 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
                 watch.before(())
             outcome = sweeper.sweep(arguments=swept)
         callbacks.on_multirun_end(config=config, config_name=configs.config_name())
-        return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)
+        if isinstance(outcome, Outcome):
+            return outcome
+        # another sweeper's jobs: what the score table has since then
+        job = job_of(config)
+        rows = results.merge(job.out)
+        return outcome_of(job, rows, rows[rows["time"] >= started])
 
 
 def _check_hydra(config: DictConfig) -> None:
@@ -117,13 +122,6 @@ def _run_single(command: Command, watch: Watch | None) -> Outcome:
     outcome, returned = run_as_job(command, context, watch)
     callbacks.on_run_end(config=config, config_name=configs.config_name(), job_return=returned)
     return outcome
-
-
-def _outcome_since(started: str, config: DictConfig) -> Outcome:
-    """The outcome of another sweeper's jobs: what the score table has since then."""
-    job = job_of(config)
-    rows = results.merge(job.out)
-    return outcome_of(job, rows, rows[rows["time"] >= started])
 
 
 # -- a configuration that Hydra composed -----------------------------------------------------------------------

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -287,15 +287,12 @@ def check(command: Command) -> list[Planned]:
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
     study, known = jobs[0].study, {job.method.label for job in jobs}
-    named = (
-        {"baseline": jobs[0].baseline}
-        if jobs[0].baseline or not study
-        else {"study.baseline": study.baseline}
-    )
-    for key, label in named.items():  # one that is a method, but not of this sweep, is left out
-        if label and label not in known and not plugins.is_name("method", label):
-            known |= plugins.discover("method").keys()
-            problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
+    label = study.baseline if study else jobs[0].baseline
+    # one that is a method, but not of this sweep, is left out
+    if label and label not in known and not plugins.is_name("method", label):
+        key = "baseline" if jobs[0].baseline else "study.baseline"
+        known |= plugins.discover("method").keys()
+        problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
     rows = results.frame([])
     try:
         rows = _stored(jobs[0])
@@ -468,40 +465,31 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     for plan in planned:
         job = plan.job
         methods = options_of.get(job.dataset.label, {})
-        for kind, choice, labels in (
-            ("dataset", job.dataset, options_of),
-            ("method", job.method, methods),
-        ):
+        for choice, labels in ((job.dataset, options_of), (job.method, methods)):
             folder = as_one_file(choice.label)
             for other in sorted(
                 o for o in labels if choice.label not in labels and as_one_file(o) == folder
             ):
-                option = _label_option([getattr(p.job, kind) for p in planned], choice)
                 clashes.append(
-                    f"{job.out}: '{choice.label}' would share a folder with '{other}'; give another {option}"
+                    f"{job.out}: '{choice.label}' would share a folder with '{other}'; "
+                    f"give another {_label_option(choice)}"
                 )
         if job.overwrite == "always" or job.dataset.label not in options_of:
             continue
         scenes, of_method = scenes_of.get(job.dataset.label, set()), methods.get(job.method.label)
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
-            option = _label_option([other.job.dataset for other in planned], job.dataset)
-            remedy = " or ".join(dict.fromkeys(["out=...", option]))
             clashes.append(
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
-                f"give another {remedy}"
+                f"give another out=... or {_label_option(job.dataset)}"
             )
         if of_method and of_method != {results.fingerprint(job.method.record)[1]}:
-            option = _label_option([p.job.method for p in planned], job.method)
             clashes.append(
-                f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
+                f"{job.out}: its '{job.method.label}' has other options; "
+                f"give another {_label_option(job.method)}, or overwrite=always"
             )
     return clashes
 
 
-def _label_option(chosen: Collection[Choice], one: Choice) -> str:
-    """The word that gives one of a run's methods or datasets another label; out=... where no word is for it alone."""
-    labels = {choice.label: choice.plugin.name for choice in chosen}
-    if len(labels) == 1:
-        return f"{one.plugin.kind}.label=..."
-    called = [label for label, name in labels.items() if one.label in (label, name)]
-    return f"{one.label}.label=..." if len(called) == 1 and one.label.isidentifier() else "out=..."
+def _label_option(choice: Choice) -> str:
+    """The word that gives a method or dataset of a command another label."""
+    return f"{choice.word or choice.plugin.kind}.label=..."

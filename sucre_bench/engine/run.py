@@ -81,19 +81,20 @@ class Outcome:
     """The first one, which has what all have in common, study and baseline say."""
 
     ok: int
-    cached: int
     failed: tuple[Fault, ...]
     skipped: tuple[Fault, ...]
-    scores_failed: tuple[Fault, ...]
-    interrupted: bool
-
-    crashed: bool
-    """Whether a process ended unexpectedly."""
 
     nothing_scored: bool
     """Whether metrics were requested, and none of them has a value for any view."""
 
-    hints: tuple[Hint, ...]
+    cached: int = 0
+    scores_failed: tuple[Fault, ...] = ()
+    interrupted: bool = False
+
+    crashed: bool = False
+    """Whether a process ended unexpectedly."""
+
+    hints: tuple[Hint, ...] = ()
     """What to type against faults, one a method."""
 
     @property
@@ -308,13 +309,13 @@ def _outcome(
 def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
     """Return the outcome of jobs that another sweeper chose. rows: the table after them; fresh: the rows of them."""
     restored = restoration_rows(fresh)
-    faults: dict[str, tuple[Fault, ...]] = {
-        status: tuple(
-            Fault(f"{row.dataset} / {row.method}", row.view, row.reason)
-            for row in restored[restored["status"] == status].itertuples()
+
+    def faults(status: results.Status) -> tuple[Fault, ...]:
+        of_status = restored[restored["status"] == status].itertuples()
+        return tuple(
+            Fault(f"{row.dataset} / {row.method}", row.view, row.reason) for row in of_status
         )
-        for status in ("failed", "skipped")
-    }
+
     scores = compare.on_pixels(rows, partial(read_common, job.out))
     return Outcome(
         rows=scores,
@@ -324,13 +325,9 @@ def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
         methods=tuple(dict.fromkeys(restored["method"])),
         job=job,
         ok=int((restored["status"] == "ok").sum()),
-        cached=0,
-        **faults,
-        scores_failed=(),
-        interrupted=False,
-        crashed=False,
+        failed=faults("failed"),
+        skipped=faults("skipped"),
         nothing_scored=not (fresh["status"] == "ok").any(),
-        hints=(),
     )
 
 

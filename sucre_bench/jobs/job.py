@@ -85,7 +85,7 @@ class Job(RunConfig):
         plain["metrics"] = {
             one.plugin.name: {**one.record, "variants": one.variants} for one in metrics
         }
-        made |= {"metrics": metrics, "views": _view_names(run.views), "values": _plain(plain)}
+        made |= {"metrics": metrics, "views": _view_names(run.views), "values": plain_value(plain)}
         made["study"] = run.study and replace(
             run.study, baseline=run.study.baseline or run.baseline
         )
@@ -111,17 +111,6 @@ def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
         ):
             parts.append(f"{name}={text}".replace(" ", ""))
     return replace(choice, label=",".join(parts))
-
-
-def _plain(value: Any) -> Any:
-    """A configuration as YAML has it: paths as text, tuples as lists."""
-    if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
-    return (
-        [_plain(inner) for inner in value]
-        if isinstance(value, (list, tuple))
-        else plain_value(value)
-    )
 
 
 def _view_names(given: Any) -> tuple[str, ...] | None:

@@ -242,10 +242,12 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
 
 
 def plain_value(value: Any) -> Any:
-    """Return an option's value as rows and labels have it: paths as text, tuples as lists."""
+    """Return an option's value, or a group of them, as rows and labels have it: paths as text, tuples as lists."""
     if isinstance(value, Path):
         return str(value)
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, Mapping):
+        return {name: plain_value(inner) for name, inner in value.items()}
+    return [*map(plain_value, value)] if isinstance(value, (list, tuple)) else value
 
 
 def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate: int) -> int:
