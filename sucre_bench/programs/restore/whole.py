@@ -1,9 +1,11 @@
 """Makes a restored picture whole, and brings it back to the geometry of its photograph.
 
 A pixel that no method coloured shows the photograph, changed by what restoring changed at the rim around it. So there
-is no step at the rim, and no water is guessed. The change is the difference of restored picture and photograph,
-continued from known pixels by push and pull. It is halved until every cell knows a value, then enlarged into the
-unknown cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
+is no step at the rim, and no water is guessed. First detail gets the contrast that restoring gave it, by least squares
+in each channel, since water takes contrast: the photograph's own detail beside restored detail looks like haze. Then
+the difference of the restored picture is added. Both are continued from known pixels by push and pull: sums are halved
+until every cell knows a value, then enlarged into the unknown cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The
+lumigraph, sec. 3.4.2).
 
 Open water has no colour of its own, so it stays as the photograph shows it. It is smooth, and has less red than all
 ground, since nothing is farther. Smooth murk with more red is a little like it. Trust in a restored colour is 1 in
@@ -41,6 +43,11 @@ _FINE = 0.5  # standard deviation of the texture's filter, in cells; with wider 
 _FINE_PX = 10  # pixels of a cell's side when trust is held at edges: more than that cost time and show nothing
 _FLAT = 1e-4  # variance of the photograph below which trust is blurred, and not held at an edge
 
+# Cells along the longer side that a contrast is told from. Parts of restored pictures were hidden, at their four sides
+# and inside, and made again: 13 views of three dives. With 30 to 60 cells they were off by 8.4 to 8.5 in CIE Lab, with
+# the photograph's own contrast by 9.1.
+_CONTRASTS = 40
+
 _GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
 
 
@@ -53,17 +60,46 @@ def whole(restored: Array, known: Mask, photograph: Array) -> Array:
         return restored
     if not known.any():
         return photograph
-    change = np.subtract(restored, photograph, dtype=np.float32)
+    contrasted = _with_contrast(restored, known, photograph)
+    change = np.subtract(restored, contrasted, dtype=np.float32)
     change[~known] = 0
     picture = _continued(change, known.astype(np.float32))
-    picture += photograph  # in place, as all below: pictures of 24 megapixels have 290 MB
+    picture += contrasted  # in place, as all below: pictures of 24 megapixels have 290 MB
     np.clip(picture, 0, 1, out=picture)
     np.copyto(picture, restored, where=known[..., None])
     return picture
 
 
+def _with_contrast(restored: Array, known: Mask, photograph: Array) -> Array:
+    """Return the photograph (H, W, 3) float32 with the contrast of the restored pixels around, a gain a channel.
+
+    Detail is what differs from the mean of the cells around. A gain is the slope of restored detail over that of the
+    photograph.
+    """
+    import cv2
+
+    size = known.shape[::-1]
+    n = -(-max(size) // _CONTRASTS)
+
+    def smooth(plane: Array | Mask) -> Array:
+        return np.asarray(cv2.resize(in_cells(plane, n), size, interpolation=cv2.INTER_LINEAR))
+
+    share = np.maximum(smooth(known), 1e-6)
+    result = photograph.astype(np.float32)
+    for c in range(3):
+        detail, gained = (
+            np.where(known, plane - smooth(np.where(known, plane, 0)) / share, 0)
+            for plane in (photograph[..., c], restored[..., c])
+        )
+        weight = in_cells(detail * detail, n)
+        gain = _continued(in_cells(detail * gained, n)[..., None], weight)[..., 0]
+        gain = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR))
+        result[..., c] += (gain - 1) * (photograph[..., c] - smooth(photograph[..., c]))
+    return result
+
+
 def _continued(sums: Array, weight: Array) -> Array:
-    """Turn sums (H, W, 3) into sums by weight (H, W), with values for pixels of weight 0 from those around."""
+    """Turn sums (H, W, C) into sums by weight (H, W), with values for pixels of weight 0 from those around."""
     import cv2
 
     height, width = weight.shape
@@ -71,9 +107,12 @@ def _continued(sums: Array, weight: Array) -> Array:
     less = [cv2.resize(one, half, interpolation=cv2.INTER_AREA) for one in (sums, weight)]
     np.divide(sums, weight[..., None], out=sums, where=weight[..., None] > 0)
     if not (weight > 0).all() and max(height, width) > 1:
-        coarse = _continued(*(np.asarray(one, dtype=np.float32) for one in less))
+        coarse = _continued(
+            np.asarray(less[0], dtype=np.float32).reshape(*half[::-1], -1),
+            np.asarray(less[1], dtype=np.float32),
+        )
         wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(
-            height, width, 3
+            sums.shape
         )
         np.copyto(sums, wide, where=weight[..., None] == 0)
     return sums

@@ -376,6 +376,20 @@ def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
     np.testing.assert_allclose(made, restored, atol=0.002)
 
 
+def test_holes_have_the_contrast_of_restored_ground_around() -> None:
+    ground = np.random.default_rng(0).uniform(0.1, 0.9, (120, 160, 3)).astype(np.float32)
+    # water that takes contrast, most in red, and adds a veil
+    photograph = np.array([0.2, 0.3, 0.35], np.float32) + ground * np.array(
+        [0.1, 0.3, 0.4], np.float32
+    )
+    known = np.ones((120, 160), bool)
+    known[:30] = False
+    known[70:90, 40:80] = False
+    made = whole(np.where(known[..., None], ground, 0), known, photograph)
+    assert np.abs(made - ground)[~known].mean() < 0.03
+    assert np.abs(photograph - ground)[~known].mean() > 0.15
+
+
 def test_without_any_colour_the_photograph_is_left() -> None:
     photograph = np.full((8, 9, 3), 0.3, np.float32)
     assert (
