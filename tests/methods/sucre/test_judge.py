@@ -66,25 +66,6 @@ def test_footprints_in_even_light_are_kept_where_nothing_else_is_needed(plain: S
     assert error_of_beta(plain, plain["3.png"], Sucre()) < 0.03
 
 
-@pytest.mark.parametrize("what", ["white balance", "vignetting"])
-def test_light_that_differs_is_found(plain: Scene, what: str) -> None:
-    balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 3)))
-    y, x = np.mgrid[-1:1:120j, -1:1:160j]
-    falloff = 1 - 0.125 * (x * x + y * y)[..., None]
-    scene = with_pictures(
-        plain, lambda k, rgb: rgb * (balance[k] if what == "white balance" else falloff)
-    )
-    options = Sucre(footprint=True, robust=False, physical=False)
-    assert verdict(scene, options).model.light == (
-        Parts(3, lens=True) if what == "white balance" else Parts(lens=True)
-    )
-    assert (
-        error_of_beta(scene, scene["3.png"], options)
-        < 0.05
-        < error_of_beta(scene, scene["3.png"], even())
-    )
-
-
 def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
     def with_fish(k: int, rgb: np.ndarray) -> np.ndarray:
         if k in (1, 4):
