@@ -63,26 +63,22 @@ def few(word: str) -> str:
     return re.sub(r"^([\w.]+=[\d.]+,[\d.]+)(,[\d.]+)+$", r"\1", word)
 
 
-def with_one_method(words: list[str], composed: set[str]) -> list[str]:
-    """The words with one method in place of an experiment's, where a command before composes them all.
+def with_one_method(words: list[str]) -> list[str]:
+    """The words with one method in place of an experiment's: tests/golden composes all jobs of every experiment.
 
-    composed: the experiments of the commands before; this one is added. What words name of a method stays.
+    What words name of a method stays.
     """
-    (experiment,) = [word for word in words if word.startswith("experiment=")] or ("",)
     general = all(
         re.match(r"(experiment|dataset|every|out|views|degrade)[.=]|-m$|run$", word)
         for word in words
     )
-    if experiment in composed and general:
-        return [*words, "method=gray_world"]
-    composed.update({experiment} - {""})
-    return words
+    is_experiment = any(word.startswith("experiment=") for word in words)
+    return [*words, "method=gray_world"] if is_experiment and general else words
 
 
 def documented() -> list[list[str]]:
     """The words of every command; of runs that differ only in where files lie and in how many views, the first."""
     found: dict[object, list[str]] = {}
-    composed: set[str] = set()
     for line in commands():
         words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
         sweep = ("-m",) * (
@@ -95,7 +91,7 @@ def documented() -> list[list[str]]:
         )
         if not any(plugin in line for plugin in PLUGINS_OF_EXAMPLES):
             found.setdefault(alike if words[0] == "run" else line, [few(word) for word in words])
-    return [with_one_method(words, composed) for words in sorted(found.values(), key=len)]
+    return [with_one_method(words) for words in sorted(found.values(), key=len)]
 
 
 @pytest.mark.parametrize("words", documented(), ids=" ".join)

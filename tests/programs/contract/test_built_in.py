@@ -48,6 +48,8 @@ QUICK: dict[str, dict[str, Any]] = {
     "command": {"run": "cp {input} {output}"},
 }
 
+SMALL: dict[str, Any] = {"width": 64, "height": 48, "views": 2}  # of made scenes
+
 
 def built_in(kind: plugins.Kind) -> list[Plugin]:
     found = [p for p in discover(kind).values() if isinstance(p, Plugin)]
@@ -75,7 +77,9 @@ _network = functools.cache(network_options)  # up to 45 MB to write
 
 def _data(name: str, folder: Path) -> dict[str, Any]:
     if name == "demo":
-        return {"root": folder.parent / "demo", "width": 64, "height": 48, "views": 2}
+        return {"root": folder.parent / "demo", **SMALL}
+    if name == "nature":
+        return {"root": folder, **SMALL}
     if name in MINIATURES:
         MINIATURES[name].write_into(folder)
     return {"root": folder}
