@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
@@ -35,6 +36,7 @@ from sucre_bench.results.rows import (
     RowCode,
     code_parts,
     restorations,
+    tuples,
     values_of,
 )
 from sucre_bench.results.table import is_bundle, is_fresh, read_both
@@ -328,6 +330,7 @@ _VIEW = ["dataset", "scene", "view"]
 _SCORE = [*_VIEW, "metric", "variant"]
 _KEY = [*_SCORE, "method", "code", "_mask"]
 _RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
+_NOTHING = [math.nan, 0, 0.0, "skipped"]  # of a score, a reason follows
 
 
 def leaves_holes(rows: DataFrame) -> bool:
@@ -355,17 +358,11 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     enough = whole[whole["coverage"] >= LEAST_FILLED]
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
     # A method that fills next to nothing of a view has no score of it, if another one fills more.
-    some = {*values_of(enough, *_VIEW)}
-    little = {which for which in values_of(whole.drop(enough.index), *KEYS) if which[:3] in some}
-    is_lost = np.array([which in little for which in values_of(scored, *KEYS)], dtype=bool)
-    rows.loc[scored.index[is_lost], _RESULT] = [
-        math.nan,
-        0,
-        0.0,
-        "skipped",
-        Reason.FILLS_LITTLE.value,
-    ]
-    scored = scored[~is_lost].join(_views(enough, common), on=_VIEW, how="inner")
+    little = whole.drop(enough.index)
+    is_lost = among(scored, little[among(little, enough, _VIEW)], list(KEYS))
+    rows.loc[scored.index[is_lost], _RESULT] = [*_NOTHING, Reason.FILLS_LITTLE.value]
+    views = _views(enough, common)
+    scored = scored[~is_lost].reset_index(names="_row").merge(views, on=_VIEW).set_index("_row")
     if scored.empty:
         return rows
     found = common[common["metric"] != COMMON_PIXELS]
@@ -377,17 +374,11 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
     # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
     new.loc[~scored["_kind"].isin(["common", "none"]), ["status", "reason"]] = None
-    new.loc[scored["_kind"] == "none", _RESULT] = [
-        math.nan,
-        0,
-        0.0,
-        "skipped",
-        Reason.NO_SHARED_PIXELS.value,
-    ]
+    new.loc[scored["_kind"] == "none", _RESULT] = [*_NOTHING, Reason.NO_SHARED_PIXELS.value]
     # Of one score of a view, either all methods are on common pixels or none.
     is_absent = Reason.among(new["reason"].fillna(""), Reason.NOT_STORED, Reason.NOT_HELD)
     lacks = new["status"].isna() | is_absent
-    why = new["reason"].fillna(scored["_why"].where(scored["_why"] != "", NOT_SCORED)).where(lacks)
+    why = new["reason"].fillna(scored["_why"]).where(lacks)
     score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
     placed = scored.index[~lacks]
@@ -399,36 +390,42 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     return rows
 
 
+def among(rows: DataFrame, others: DataFrame, columns: list[str]) -> npt.NDArray[np.bool_]:
+    """Return which rows have the same values of these columns as one of the others."""
+    import pandas as pd
+
+    known = pd.MultiIndex.from_frame(others[columns])
+    return np.asarray(pd.MultiIndex.from_frame(rows[columns]).isin(known))
+
+
 def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
-    """What is known of each view that methods fill differently, by `_VIEW`. whole: the views' restorations.
+    """What is known of each view that methods fill differently. whole: the views' restorations.
 
     `_kind`: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; `_mask`: hash of the common
     mask; `_share`: of the image that it has; `_why`: why it is not known. A view in the table of common scores counts
     only if it covers all methods and their newest results.
     """
-    said = (
-        common[common["metric"] == COMMON_PIXELS]
-        .drop_duplicates(_VIEW, keep="last")
-        .set_index(_VIEW)
+    import pandas as pd
+
+    said = tuples(common[common["metric"] == COMMON_PIXELS])
+    told = {(about.dataset, about.scene, about.view): about for about in said}  # the last
+    by_view = whole.groupby(_VIEW).agg(
+        low=("coverage", "min"), high=("coverage", "max"), by=("method", set), last=("time", "max")
     )
-    said = said[["status", "code", "value", "reason", "options", "time"]]
-    state = ["_kind", "_mask", "_share", "_why"]
-    said.columns = [*state, "_methods", "_time"]
-    kinds = [kind_of(*values) for values in values_of(said, "_kind", "_mask")]
-    said["_kind"] = np.array(kinds, dtype=object)
-    coverage = ("coverage", "min"), ("coverage", "max")
-    views = whole.groupby(_VIEW).agg(
-        low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max")
-    )
-    views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)
-    names = views["_methods"].fillna("{}").map(methods_of)
-    is_known = np.array([by <= of for by, of in zip(views["by"], names, strict=True)], dtype=bool)
-    is_known &= (views["last"] <= views["_time"].fillna("")).to_numpy()
-    views.loc[~is_known, state] = ["unknown", "", math.nan, NOT_SCORED]
-    differs = np.where(
-        is_known, views["_kind"] != "equal", views["high"] - views["low"] > LEAST_DIFFERENCE
-    )
-    return views.loc[differs, state]
+    states = []
+    for view, low, high, methods, last in by_view.itertuples(name=None):
+        if low == 1 or len(methods) == 1:
+            continue
+        about = told.get(view)
+        if about and (methods - methods_of(about.options) or about.time < last):
+            about = None  # of fewer methods, or older than a result
+        if about:
+            kind = kind_of(about.status, about.code)
+            if kind != "equal":
+                states.append((*view, kind, about.code, about.value, about.reason or NOT_SCORED))
+        elif high - low > LEAST_DIFFERENCE:
+            states.append((*view, "unknown", "", math.nan, NOT_SCORED))
+    return pd.DataFrame(states, columns=[*_VIEW, "_kind", "_mask", "_share", "_why"])
 
 
 def scores_of_pixels(rows: DataFrame) -> Series:

@@ -31,6 +31,7 @@ from sucre_bench.compare.notes import (
     pixel_notes,
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
+from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import natural_order
 from sucre_bench.results.reasons import Reason
@@ -104,10 +105,14 @@ def compare(
             only_older = tuple(
                 dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
             )
-            noted = [Note("older data", only_older)] if only_older else []
+            noted = []
+            if only_older:
+                noted.append(
+                    Note(f"left out, because they ran on other data: {listed(only_older)}")
+                )
             scored = {name for one in table.columns for name in (one.metric, one.key)}
             noted += (
-                Note("no score", (name,)) for name in metrics if scored and name not in scored
+                Note(f"{name} has no score") for name in metrics if scored and name not in scored
             )
             tables.append(replace(table, notes=(*table.notes, *noted)))
     filled = [table for table in tables if table.columns]
@@ -215,7 +220,7 @@ def _table(
     noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
     noted += notes(rows, made, repetitions, methods, stale)
     if baseline and baseline not in methods:
-        noted.append(Note("no baseline", (baseline,)))
+        noted.append(Note(f"{baseline} was not run here: there is nothing to compare with"))
         baseline = ""
     photographs = tuple(name for name in methods if name in known.photographs)
     cells = dict[tuple[str, Column], Cell]()

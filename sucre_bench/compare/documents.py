@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import COSTS, Comparison
+from sucre_bench.compare import COSTS, Cell, Column, Comparison
+from sucre_bench.compare.model import Difference
 from sucre_bench.compare.terminal_table import blocks
 from sucre_bench.compare.words import (
     Shown,
@@ -108,25 +109,30 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
     """A record a cell. filled: the share of the image that the method fills; NaN if that is in no column."""
     filled = {n: cell.mean for (n, c), cell in comparison.cells.items() if c.is_share_filled}
     for name in comparison.methods:
-        for c in comparison.columns:
-            cell = comparison.cells.get((name, c))
+        for column in comparison.columns:
+            cell = comparison.cells.get((name, column))
             if cell is None:
                 continue
-            behind, behind_low, behind_high = cell.behind
-            change, change_low, change_high = cell.change
-            record = {
-                "table": comparison.title, "method": name, "metric": c.metric, "variant": c.variant, "unit": c.unit,
-                "better": c.better, "mean": cell.mean, "std": cell.std, "low": cell.low, "high": cell.high,
-                "place": cell.place, "rank": cell.rank, "tie_with_best": cell.tie,
-                "behind": behind, "behind_low": behind_low, "behind_high": behind_high,
-                "wins": cell.wins, "effect": cell.effect, "holes": cell.holes,
-                "n_units": c.n_units, "n_views": c.n_views, "n_scenes": c.n_scenes,
-                "knows": c.knows, "pixels": c.pixels, "filled": filled.get(name, math.nan),
-            }  # fmt: skip
+            record: dict[str, Any] = {"table": comparison.title, "method": name}
+            record |= fields_of(column, "metric", "variant", "unit", "better")
+            record |= fields_of(cell, "mean", "std", "low", "high", "place", "rank")
+            record |= {"tie_with_best": cell.tie, **ends_of("behind", cell.behind)}
+            record |= fields_of(cell, "wins", "effect", "holes")
+            record |= fields_of(column, "n_units", "n_views", "n_scenes", "knows", "pixels")
+            record["filled"] = filled.get(name, math.nan)
             if comparison.baseline:
-                record |= {"baseline": comparison.baseline, "change": change}
-                record |= {"change_low": change_low, "change_high": change_high}
+                record |= {"baseline": comparison.baseline, **ends_of("change", cell.change)}
             yield record
+
+
+def fields_of(one: Column | Cell, *names: str) -> dict[str, Any]:
+    """Return fields by name, as records have them."""
+    return {name: getattr(one, name) for name in names}
+
+
+def ends_of(name: str, difference: Difference) -> dict[str, float]:
+    """Return a difference and the ends of its interval, as records have them."""
+    return dict(zip((name, f"{name}_low", f"{name}_high"), difference, strict=True))
 
 
 _LOOKS = {"best": "best", "better": "best", "second": "second"}

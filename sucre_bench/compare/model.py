@@ -161,57 +161,24 @@ class Cell:
     """With a baseline, the score less that one's, paired."""
 
 
-NoteKind = Literal[
-    "no result",
-    "images lost",
-    "no score",
-    "nothing shared",
-    "replicates lost",
-    "common pixels",
-    "own pixels",
-    "no shared pixels",
-    "by us",
-    "mixed codes",
-    "trained on",
-    "older data",
-    "no baseline",
-    "no option",
-    "faults",
-]
+# Stands in the text of a note for the names of its metrics.
+METRICS = "{metrics}"
 
 
 @dataclass(frozen=True)
 class Note:
-    """Something that a comparison does not count."""
+    """Something that a comparison does not count, or should be known of its methods."""
 
-    kind: NoteKind
-    """`words.NOTES` has its sentence."""
+    text: str
+    """Its sentence, with `METRICS` for its columns. Of faults: what is wrong with the pictures of a method."""
 
-    methods: tuple[str, ...]
-    """Labels it is about."""
+    kind: Literal["", "by us", "trained on", "common pixels", "own pixels", "faults"] = ""
+
+    method: str = ""
+    """The label of the method that has faults."""
 
     columns: tuple[Column, ...] = ()
     """Scores it is about; none if it is about restorations."""
-
-    # Number of lost units, of all units, and of those that remain for all methods.
-    n: int = 0
-    total: int = 0
-    left: int = 0
-
-    lost: int = 0
-    """The lost replicates."""
-
-    unit: Literal["image", "chart"] = "image"
-    """Of n."""
-
-    reasons: str = ""
-    """How often each reason occurs, as text."""
-
-    option: str = ""
-    """The followed option."""
-
-    share: float = 1.0
-    """Of the image, 0 to 1, where pixels are left out."""
 
 
 @dataclass(frozen=True)

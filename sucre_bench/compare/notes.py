@@ -2,21 +2,20 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_rows import (
+    among,
     metrics_of_faults,
     mixed_codes,
     options_of,
     scores_of_pixels,
 )
-from sucre_bench.compare.model import FILLED, Column, Note, NoteKind, says_filled
+from sucre_bench.compare.model import FILLED, METRICS, Column, Note, says_filled
+from sucre_bench.compare.words import listed, number
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
@@ -39,28 +38,31 @@ def about(rows: DataFrame) -> About:
     """Return what is known of the methods of a dataset beside their scores. rows: with `_fresh`, see `is_fresh`."""
     options = options_of(rows)
     methods = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
-    data = [
-        plugins.get("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()
-    ]
+    datasets = {told.get("dataset", {}).get("name", "") for told in options.values()}
     trained = {name: told.get("trained_on") for name, told in options.items()}
     notes = [
-        Note("trained on", (name,), reasons=str(text)) for name, text in trained.items() if text
+        Note(f"{name} was trained on: {text}", "trained on")
+        for name, text in trained.items()
+        if text
     ]
-    cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
-    for text in sorted(set(cites.values())):
-        if text.startswith("by this project"):  # no published method
-            names = tuple(name for name in cites if cites[name] == text)
-            notes.append(Note("by us", names, reasons=text))
-    for name, why in mixed_codes(rows[rows["_fresh"]]):
-        notes.append(Note("mixed codes", (name,), reasons=why))
+    by_us: dict[str, list[str]] = {}
+    for name, plugin in methods.items():
+        if plugin and plugin.cites.startswith("by this project"):  # no published method
+            by_us.setdefault(plugin.cites, []).append(name)
+    notes += [Note(f"{listed(by_us[text])}: {text}", "by us") for text in sorted(by_us)]
+    notes += [Note(f"{name}: {why}") for name, why in mixed_codes(rows[rows["_fresh"]])]
     return About(
         tuple(notes),
         frozenset(name for name, plugin in methods.items() if plugin and plugin.is_photograph),
-        any(plugin is None or "poses" in plugin.has for plugin in data),
+        any(
+            plugin is None or "poses" in plugin.has
+            for plugin in (plugins.get("dataset", name) for name in datasets)
+        ),
     )
 
 
-REPETITION = ["scene", "view", "region", "_replicate"]
+_VIEW = ["scene", "view"]
+REPETITION = [*_VIEW, "region", "_replicate"]
 
 _View = tuple[str, str]  # scene and view
 Restored = tuple[str, _View]  # by a method
@@ -82,61 +84,51 @@ def notes(
     """
     why = _Why(rows, stale)
     ok = restoration_rows(rows[rows["status"] == "ok"])
-    restored: dict[str, set[_View]] = {}
-    for name, *view in values_of(ok, "method", "scene", "view"):
-        restored.setdefault(name, set()).add((view[0], view[1]))
-    some = [name for name in methods if restored.get(name)]
+    restored = {
+        name: {*values_of(each, "scene", "view")} for name, each in ok.groupby("method", sort=False)
+    }
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
-    everywhere = anywhere.intersection(*(restored[name] for name in some))
+    everywhere = anywhere.intersection(*restored.values())
     for name in methods:
         lost = anywhere - restored.get(name, set())
         if lost:
             reasons = _counted(why(name, view) for view in lost)
-            note = Note("no result", (name,), reasons=reasons)
-            if name in some:
-                note = replace(
-                    note, kind="images lost", n=len(lost), total=len(anywhere), left=len(everywhere)
+            text = f"{name} has no result ({reasons})"
+            if name in restored:
+                text = _lost(
+                    name, "result", "image", len(lost), len(anywhere), len(everywhere), reasons
                 )
-            yield note
+            yield Note(text)
         yield from _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
         if column.n_units == 0:
-            yield Note("nothing shared", tuple(map(str, values.columns)), (column,), unit=column.of)
+            text = f"{METRICS}: no {column.of} that {listed(values.columns)} all have"
+            yield Note(text, columns=(column,))
     if not scores:  # why none of the requested metrics scored a method that did restore
         unscored = rows[rows["_asked"] & (rows["status"] != "ok")]
-        for name in some:
+        for name in filter(restored.get, methods):
             pairs = values_of(unscored[unscored["method"] == name], "status", "reason")
-            yield Note("no score", (name,), reasons=_counted(map(": ".join, pairs)))
+            reasons = _counted(map(": ".join, pairs))
+            yield Note(f"{name} has no score" + (f" ({reasons})" if reasons else ""))
     if rows["_replicate"].nunique() > 1:
         yield from _repeats_lost(rows, repetitions)
 
 
-@dataclass(frozen=True)
 class _Why:
-    """Why there is no restoration, or no score. Fields as for `notes`."""
+    """Why there is no restoration, or no score. rows, stale: as for `notes`."""
 
-    rows: DataFrame
-    stale: Collection[Restored]
-
-    @cached_property
-    def _known(self) -> dict[tuple[str, str, str, _View], str]:
-        """By method, metric, variant and view; made when something is missing that others have."""
-        known: dict[tuple[str, str, str, _View], str] = {}
-        lost = self.rows[self.rows["status"] != "ok"]
+    def __init__(self, rows: DataFrame, stale: Collection[Restored]) -> None:
+        self._stale = stale
+        restored = values_of(restoration_rows(rows), "method", "scene", "view")
+        self.tried = {(method, (scene, view)) for method, scene, view in restored}
+        # By method, metric, variant and view.
+        self._known: dict[tuple[str, str, str, _View], str] = {}
         columns = ("status", "reason", "scene", "view", "method", "metric", "variant")
-        for status, reason, scene, view, *score in values_of(lost, *columns):
+        for status, reason, scene, view, *score in values_of(
+            rows[rows["status"] != "ok"], *columns
+        ):
             text = f"{status}: {without_view(str(reason), view)}".rstrip(": ")
-            known[*score, (scene, view)] = text
-        return known
-
-    @cached_property
-    def tried(self) -> set[Restored]:
-        """The methods that tried a view, whatever became of it."""
-        restored = restoration_rows(self.rows)
-        return {
-            (method, (scene, view))
-            for method, scene, view in values_of(restored, "method", "scene", "view")
-        }
+            self._known[*score, (scene, view)] = text
 
     def __call__(self, method: str, view: _View, column: Column | None = None) -> str:
         """Return why a method has no score of a view in a column, or no restoration of it."""
@@ -146,7 +138,7 @@ class _Why:
                 return text
         if (method, view) in self.tried:
             return "not scored"
-        if (method, view) in self.stale:
+        if (method, view) in self._stale:
             return "of other data"
         return self._known.get((method, *whole, ("", "")), "not run")  # the job failed as a whole
 
@@ -164,38 +156,43 @@ def _counted(reasons: Iterable[str]) -> str:
     return "; ".join(parts)
 
 
+def _lost(name: str, what: str, unit: str, n: int, total: int, left: int, reasons: str) -> str:
+    """What a method lacks in n of all units. left: those that remain for all methods."""
+    rest = f"the other {left}" if n + left == total else f"the {left} that all have"
+    compared = f"all are compared on {rest}" if left else "nothing is left to compare"
+    return f"{name} has no {what} in {n} of {total} {unit}s ({reasons}): {compared}"
+
+
 def _scores_lost(
     name: str, lost: set[_View], scores: _Tables, repetitions: _Tables, why: _Why
 ) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
-    alike: dict[Note, list[Column]] = {}
+    alike: dict[str, list[Column]] = {}
     for column, values in scores.items():
         if column.metric in COSTS or name not in values or column.n_units == len(values):
             continue
+        units = values.index.droplevel("region")
         is_missing = values[name].isna()
-        missing, there = (
-            values.index[is_some].droplevel("region") for is_some in (is_missing, ~is_missing)
-        )
-        views = set(missing)
+        concerned = [*units[is_missing]]
+        views = set(concerned)
         if views <= lost:
             continue
+        there = {*units[~is_missing]}
         has_any = repetitions[column][name].dropna().index.droplevel(["region", "_replicate"])
-        partly = (views & set(has_any)) - set(there)
-        # some charts of a view
-        concerned = list[_View](views)
-        unit = column.of if views & set(there) else "image"
-        counts = (len(views), len(values.index.droplevel("region").unique()), column.n_views)
-        if views & set(there):
-            concerned = [*missing]
-            counts = (len(missing), len(values), column.n_units)
+        partly = views.intersection(has_any) - there
+        unit: str = column.of
+        counts = (len(concerned), len(values), column.n_units)
+        if not views & there:  # else some charts of a view
+            concerned = [*views]
+            unit = "image"
+            counts = (len(views), len(units.unique()), column.n_views)
         reasons = _counted(
             "no repetition that all have" if v in partly else why(name, v, column)
             for v in concerned
         )
-        alike.setdefault(
-            Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []
-        ).append(column)
-    yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
+        alike.setdefault(_lost(name, METRICS, unit, *counts, reasons), []).append(column)
+    for text, columns in alike.items():
+        yield Note(text, columns=tuple(columns))
 
 
 def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
@@ -205,33 +202,31 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
     """
     whole = restoration_rows(rows[rows["view"] != ""])
     ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
-    has: dict[Column | None, DataFrame] = {None: ok.unstack("method", fill_value=False)}
-    has |= {
-        column: values.notna()
-        for column, values in repetitions.items()
-        if column.metric not in COSTS
-    }
-    noted = ~has[None] & False
-    alike = dict[tuple[Note, bool], list[Column]]()
-    noted = noted.droplevel("region")
-    for column, there in has.items():
-        partly = ~there & there.groupby(level=REPETITION[:3]).transform("any")
-        lost = partly.groupby(level=["scene", "view", "_replicate"]).any()
-        if column is None:
-            noted = lost
-        else:
-            lost &= ~noted.reindex(index=lost.index, columns=lost.columns, fill_value=False)
-        for name, of_method in lost.loc[:, lost.any()].items():
-            n = len(of_method.index[of_method].droplevel("_replicate").unique())
-            note = Note(
-                "replicates lost",
-                (str(name),),
-                n=n,
-                total=len(of_method),
-                lost=int(of_method.sum()),
-            )
-            alike.setdefault((note, column is None), []).extend([column] if column else [])
-    yield from (replace(note, columns=tuple(columns)) for (note, _), columns in alike.items())
+    unrestored = _partly_lost(ok.unstack("method", fill_value=False))
+    alike: dict[str, list[Column]] = {text: [] for text in _replicates(unrestored, "")}
+    for column, values in repetitions.items():
+        if column.metric not in COSTS:
+            lost = _partly_lost(values.notna())
+            known = unrestored.reindex(index=lost.index, columns=lost.columns, fill_value=False)
+            for text in _replicates(lost & ~known, f", of {METRICS}"):
+                alike.setdefault(text, []).append(column)
+    for text, columns in alike.items():
+        yield Note(text, columns=tuple(columns))
+
+
+def _partly_lost(there: DataFrame) -> DataFrame:
+    """Which replicates of a view each method lacks where it has others. there: by `REPETITION`, methods beside it."""
+    lost = ~there & there.groupby(level=REPETITION[:3]).transform("any")
+    return lost.groupby(level=["scene", "view", "_replicate"]).any()
+
+
+def _replicates(lost: DataFrame, of_metrics: str) -> Iterator[str]:
+    for name, of_method in lost.loc[:, lost.any()].items():
+        images = counted(len(of_method.index[of_method].droplevel("_replicate").unique()), "image")
+        yield (
+            f"{name} lacks {of_method.sum()} of {len(of_method)} repetitions, of {images}{of_metrics}: "
+            "scores are means of those that all have"
+        )
 
 
 # -- pixels ------------------------------------------------------------------------------------------------
@@ -258,37 +253,46 @@ def filled_rows(rows: DataFrame) -> DataFrame:
     return whole.assign(**about, value=whole["coverage"])
 
 
-def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
+def pixel_notes(rows: DataFrame, columns: Sequence[Column]) -> Iterator[Note]:
     """Yield on which pixels scores are that methods would have of different ones.
 
     rows: of one table, with `_asked` and the columns of `on_pixels`; columns: of the table.
     """
     whole = restorations(rows)
     scores = rows[rows["_asked"] & scores_of_pixels(rows)]
+    total = len(scores[_VIEW].drop_duplicates())
 
-    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
-        pairs = set(values_of(concerned, "metric", "variant"))
+    def concerned(some: DataFrame) -> tuple[tuple[Column, ...], str]:
+        """The columns of some scores, and in how many images they are."""
+        pairs = set(values_of(some, "metric", "variant"))
+        n = len(some[_VIEW].drop_duplicates())
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
-        n, total = (len(set(values_of(some, "scene", "view"))) for some in (concerned, scores))
-        return Note(kind, (), named, n, total, **more)
+        return named, f" in {n} of {total} images"
 
     none = Reason.among(scores["reason"], Reason.NO_SHARED_PIXELS)
-    if len(common := scores[(scores["pixels"] == "common") & ~none]):
-        share = float(common.drop_duplicates(["dataset", "scene", "view"])["pixels_share"].mean())
-        yield note("common pixels", common, share=share)
+    common = scores[(scores["pixels"] == "common") & ~none]
+    everywhere = f" in {total} of {total} images"
+    if len(common):
+        named, where = concerned(common)
+        share = number(100 * common.drop_duplicates(_VIEW)["pixels_share"].mean())
+        text = f"{METRICS} on the pixels that all methods fill: {share} % of the image"
+        yield Note(text + where.replace(everywhere, ""), "common pixels", columns=named)
     if none.any():
-        yield note("no shared pixels", scores[none])
+        named, where = concerned(scores[none])
+        text = f"no score{where}, because they have no pixel that all methods fill"
+        yield Note(text, columns=named)
     # Scores on own pixels: with a reason, or of views of which methods fill shares that differ by much.
-    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(["scene", "view"])["coverage"]
-    differing = {*(filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index}
-    is_differing = np.array(
-        [view in differing for view in values_of(scores, "scene", "view")], dtype=bool
-    )
+    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(_VIEW)["coverage"]
+    difference = filled.max() - filled.min()
+    differing = difference.index[difference > LEAST_DIFFERENCE]
+    is_differing = scores.set_index(_VIEW).index.isin(differing)
     is_own = (is_differing & (scores["pixels"] == "own")) | (scores["pixels_reason"] != "")
     for reason, each in scores[is_own].groupby("pixels_reason", sort=False):
-        made = note("own pixels", each, reasons=str(reason))
-        if made.columns:  # a metric that lacks a reference, say, has none
-            yield made
+        named, where = concerned(each)
+        why = f" ({reason})" if reason else ""
+        text = f"{METRICS}{where.replace(everywhere, '')} on each method's own pixels, which differ{why}"
+        if named:  # a metric that lacks a reference, say, has none
+            yield Note(text, "own pixels", columns=named)
 
 
 # A method has a fault if more than this share of its views has it.
@@ -313,11 +317,10 @@ def fault_notes(rows: DataFrame) -> Iterator[Note]:
             n = is_bad.sum()
             if n <= _FEW * len(whole):
                 continue
-            bad = set(values_of(whole[is_bad], "scene", "view"))
-            parts = values[[place in bad for place in values_of(values, "scene", "view")]]
+            parts = values[among(values, whole[is_bad], _VIEW)]
             hues = parts["region"][parts["region"] != "image"].str.removeprefix("image/").mode()
             share = f"{100 * whole.loc[is_bad, 'value'].mean():.0f} %"
             words = fault.words.format(share=share, hue=hues.iloc[0] if len(hues) else "")
             said.append(words + (f" in {n} of {len(whole)} views" if n < len(whole) else ""))
         if said:
-            yield Note("faults", (str(method),), reasons=", ".join(said))
+            yield Note(", ".join(said), "faults", str(method))

@@ -11,6 +11,7 @@ from typing import Literal
 from sucre_bench.compare.model import (
     FEWEST_FOR_LEAD,
     FEWEST_VIEWS,
+    METRICS,
     Column,
     Comparison,
     Note,
@@ -241,26 +242,6 @@ def legend(
     return "; ".join(parts)
 
 
-# What the kinds of notes say.
-NOTES = {
-    "no result": "{names} has no result ({note.reasons})",
-    "images lost": "{names} has no {what} in {note.n} of {note.total} {note.unit}s ({note.reasons}): {left}",
-    "no score": "{names} has no score{why}",
-    "nothing shared": "{metrics}: no {note.unit} that {names} all have",
-    "replicates lost": "{names} lacks {note.lost} of {note.total} repetitions, of {images}{of_metrics}: "
-    "scores are means of those that all have",
-    "common pixels": "{metrics} on the pixels that all methods fill: {share} % of the image{in_some}",
-    "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
-    "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
-    "by us": "{names}: {note.reasons}",
-    "mixed codes": "{names}: {note.reasons}",
-    "trained on": "{names} was trained on: {note.reasons}",
-    "older data": "left out, because they ran on other data: {names}",
-    "no baseline": "{names} was not run here: there is nothing to compare with",
-    "no option": "{names} is left out: it has no option {note.option}",
-}
-
-
 def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Return comparisons in which what is known of methods, whatever their scores, stands below the first alone."""
     said = set[Note]()
@@ -280,55 +261,43 @@ def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
     for comparison in comparisons:
         groups.setdefault(comparison.title.partition(",")[0], []).append(comparison)
     said = []
-    for name, group in groups.items():
-        means: dict[str, list[dict[str, float]]] = {}
-        for one in group:
-            scores: dict[str, dict[str, float]] = {}
-            for (method, column), cell in one.cells.items():
-                if column.ranked and method in one.restorers:
-                    scores.setdefault(method, {})[column.key] = cell.mean
-            for method, of_method in scores.items():
-                means.setdefault(method, []).append(of_method)
-        n = len(group)
-        same = [method for method, each in means.items() if each == each[:1] * n]
-        if n > 1 and same:
-            what = f"in all {n} tables of {name}: what differs between these does not reach"
+    for name, (first, *others) in groups.items():
+        same = [
+            method
+            for method in first.restorers
+            if _means(first, method)
+            and all(_means(one, method) == _means(first, method) for one in others)
+        ]
+        if others and same:
+            what = f"in all {1 + len(others)} tables of {name}: what differs between these does not reach"
             said.append(
                 f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
             )
     return said
 
 
+def _means(comparison: Comparison, method: str) -> dict[str, float]:
+    """A method's mean by each score that ranks."""
+    return {
+        column.key: cell.mean
+        for (name, column), cell in comparison.cells.items()
+        if column.ranked and name == method and name in comparison.restorers
+    }
+
+
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
-    said = []
-    for note in (note for note in comparison.notes if note.kind != "faults"):
-        metrics = listed(dict.fromkeys(column.metric for column in note.columns))
-        rest = (
-            f"the other {note.left}"
-            if note.n + note.left == note.total
-            else f"the {note.left} that all have"
-        )
-        text = NOTES[note.kind].format(
-            note=note,
-            names=listed(note.methods),
-            metrics=metrics,
-            what=metrics or "result",
-            images=counted(note.n, "image"),
-            of_metrics=f", of {metrics}" if metrics else "",
-            left=f"all are compared on {rest}" if note.left else "nothing is left to compare",
-            why=f" ({note.reasons})" if note.reasons else "",
-            in_some=f" in {note.n} of {note.total} images" if note.n < note.total else "",
-            share=number(100 * note.share),
-        )
-        said.append(text)
-    return said
+    return [
+        note.text.replace(METRICS, listed(dict.fromkeys(one.metric for one in note.columns)))
+        for note in comparison.notes
+        if note.kind != "faults"
+    ]
 
 
 def faults(comparison: Comparison) -> list[str]:
     """Return a sentence that says what is wrong with the pictures of each method; none where nothing is."""
     said = "; ".join(
-        f"{note.methods[0]}: {note.reasons}" for note in comparison.notes if note.kind == "faults"
+        f"{note.method}: {note.text}" for note in comparison.notes if note.kind == "faults"
     )
     return [f"What is wrong with the pictures: {said}"] if said else []
 

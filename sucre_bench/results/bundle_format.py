@@ -83,19 +83,16 @@ class Bundle:
 
     def read(self, name: str) -> bytes:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
-        content = self.unchecked(name)
-        if name != MANIFEST and (fault := self._fault_of(name, content)):
-            raise InputError(f"{name}: {fault}", self.path, "get the bundle again from who made it")
-        return content
-
-    def unchecked(self, name: str) -> bytes:
-        """Return a file's content, whatever its hash. Raises InputError if it is not there or does not unpack."""
+        again = "get the bundle again from who made it"
         if name not in self.entries:
-            raise InputError(f"holds no {name}", self.path, "get the bundle again from who made it")
+            raise InputError(f"holds no {name}", self.path, again)
         try:
-            return self._unpacked(name)
+            content = self._unpacked(name)
         except InputError as fault:
             raise fault.within(self.path) from fault
+        if name != MANIFEST and (fault_found := self._fault_of(name, content)):
+            raise InputError(f"{name}: {fault_found}", self.path, again)
+        return content
 
     def _unpacked(self, name: str) -> bytes:
         with reading(Path(name), "copy it again"), self.archive.open(name) as file:

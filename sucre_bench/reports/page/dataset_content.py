@@ -189,7 +189,7 @@ class Section:
         """The table's rows: by the main score, the photograph below the methods."""
         table = replace(self.table, methods=best_first(self.table, self._main))
         columns = [cells(table, column) for column in self._columns]
-        faults = {note.methods[0]: note.reasons for note in table.notes if note.kind == "faults"}
+        faults = {note.method: note.text for note in table.notes if note.kind == "faults"}
         return [
             {
                 "label": name,

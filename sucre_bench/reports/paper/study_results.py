@@ -32,7 +32,8 @@ from sucre_bench.compare import (
     statistics,
 )
 from sucre_bench.compare.choose_rows import asked_for, without_replicates
-from sucre_bench.compare.documents import Level
+from sucre_bench.compare.documents import Level, ends_of, fields_of
+from sucre_bench.compare.model import NO_DIFFERENCE
 from sucre_bench.degrade.options import VIEWS, Degradation, read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.run_options import Study
@@ -179,28 +180,16 @@ class Along:
             for column in self.scores.columns:
                 if not (cell := self.scores.cells.get((line, column))):
                     continue
-                differences: dict[str, float] = {}
+                record: dict[str, Any] = {"dataset": self.title, self.option: value.word}
+                record |= {
+                    "method": method,
+                    **fields_of(column, "metric", "variant", "unit", "better"),
+                }
+                record |= fields_of(cell, "mean", "std", "low", "high", "holes")
                 for name, table in (("change", self.changes), ("lead", self.leads)):
                     other = table.cells.get((line, column)) if table else None
-                    ends = other.change if other else (math.nan,) * 3
-                    differences |= dict(
-                        zip((name, f"{name}_low", f"{name}_high"), ends, strict=True)
-                    )
-                yield {
-                    "dataset": self.title,
-                    self.option: value.word,
-                    "method": method,
-                    **{
-                        name: getattr(column, name)
-                        for name in ("metric", "variant", "unit", "better")
-                    },
-                    **{
-                        name: getattr(cell, name)
-                        for name in ("mean", "std", "low", "high", "holes")
-                    },
-                    **differences,
-                    **{name: getattr(column, name) for name in ("n_units", "n_views", "n_scenes")},
-                }
+                    record |= ends_of(name, other.change if other else NO_DIFFERENCE)
+                yield record | fields_of(column, "n_units", "n_views", "n_scenes")
 
 
 def along(rows: DataFrame, study: Study) -> list[Along]:
@@ -240,7 +229,7 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
     rows = rows.assign(_value=rows["options"].map(values), **{label: rows[label].map(plain)})
     lacking = rows.loc[rows["_value"].isna(), label].unique()
-    notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
+    notes = tuple(Note(f"{each} is left out: it has no option {name}") for each in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         # The option may be part of a scene's name. So a view is known by its own name alone.
