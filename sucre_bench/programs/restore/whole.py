@@ -44,8 +44,8 @@ _FINE_PX = 10  # pixels of a cell's side when trust is held at edges: more than 
 _FLAT = 1e-4  # variance of the photograph below which trust is blurred, and not held at an edge
 
 # Cells along the longer side that a contrast is told from. Parts of restored pictures were hidden, at their four sides
-# and inside, and made again: 16 views of five dives. They were off by 8.2 in CIE Lab, with the photograph's own contrast
-# by 9.1; 30 or 60 cells change that by .1.
+# and inside, and made again: 16 views of five dives. They were off by 8.2 in CIE Lab, by 9.1 with the photograph's own
+# contrast; 30 or 60 cells change that by .1.
 _CONTRASTS = 40
 
 _GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
