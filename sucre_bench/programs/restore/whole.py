@@ -92,7 +92,7 @@ def _with_contrast(restored: Array, known: Mask, photograph: Array) -> Array:
             for plane in (photograph[..., c], restored[..., c])
         )
         both, weight = (
-            np.asarray(cv2.GaussianBlur(in_cells(detail * other, n), (0, 0), 1))
+            np.asarray(cv2.GaussianBlur(in_cells(detail * other, n), (0, 0), 1), dtype=np.float32)
             for other in (gained, detail)
         )
         gain = _continued(both[..., None], weight)[..., 0]
