@@ -16,8 +16,9 @@ photograph's. The admissible model of the least held-out error leads; of those w
 `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of light. It
 must predict better than the first steps of the paper's Adam, or these are taken: they stop near their start, which no
 real dive has proved wrong, so drift, which sees differences of the ground too, does not rule them out. If neither is
-5 % better than no water, the photograph stays. Each measure is the median over the targets. docs/supplement.md has the
-tables of real dives and of made seas behind this rule.
+5 % better than no water, or than the light of the chosen model without its water, the photograph stays: a lamp can
+explain views alone. Each measure is the median over the targets. docs/supplement.md has the tables of real dives and of
+made seas behind this rule.
 """
 
 from __future__ import annotations
@@ -338,26 +339,32 @@ class Court:
         self.fitted[model] = [*of_halves, whole]
         return self.fitted[model]
 
+    def held_out(self, fits: list[Fitted]) -> float:
+        """Return the error of fits to the halves in the views that they have not seen, over that of no water."""
+        over = []
+        for target, plain, _ in self.targets:
+            errors = [
+                target.errors(fit, half).ravel()
+                for fit, half in zip(fits, self.halves, strict=True)
+            ]
+            over.append(float(np.median(np.concatenate(errors))) / plain)
+        return float(np.median(over))
+
     def judged(self, model: Model) -> Judged | None:
         """Return the measures of a model; None if it cannot be fitted."""
         try:
             fits = self.fits(model)
         except (SolveError, NotApplicableError):
             return None
-        held_out, negative, drift = [], [], []
-        for target, plain, _ in self.targets:
-            errors = [
-                target.errors(fit, half).ravel()
-                for fit, half in zip(fits[:-1], self.halves, strict=True)
-            ]
-            held_out.append(float(np.median(np.concatenate(errors))) / plain)
+        negative, drift = [], []
+        for target, *_ in self.targets:
             every = np.ones(len(target.observations), dtype=bool)
             J, *_ = target.colours(fits[-1], every)
             negative.append((J < 0).mean(axis=1))
             drift.append(target.drift(J))
         return Judged(
             model=model.words,
-            held_out=float(np.median(held_out)),
+            held_out=self.held_out(fits[:-1]),
             negative=np.median(negative, axis=0).tolist(),
             drift=float(np.median(drift)),
             drift_of_photograph=float(
@@ -413,7 +420,11 @@ class Court:
         # `min` takes the first of equals: the paper's steps.
         leaders = [*best(early)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
-        if chosen in known and known[chosen].held_out > BETTER:
+        without = [1.0]
+        if chosen.light != EVEN_LIGHT:
+            *of_halves, _ = self.fitted[chosen]
+            without.append(self.held_out([replace(fit, water=NONE) for fit in of_halves]))
+        if chosen in known and known[chosen].held_out > BETTER * min(without):
             chosen = NO_WATER
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
         is_clear = (

@@ -247,7 +247,8 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
 
     which is A t = S g where no bound is in the way. Parameters that nothing depends on (H_kk = 0) stay.
     """
-    diagonal = np.einsum("cii->ci", system.H)
+    # sums of squares, which rounding may bring below 0
+    diagonal = np.einsum("cii->ci", system.H).clip(min=0)
     known = diagonal > 0
     # parameters differ in size
     scale = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known)

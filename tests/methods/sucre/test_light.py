@@ -142,6 +142,17 @@ def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
     assert found.water.attenuation.max() < 5e-3  # 1/m, at a median distance of 3 m
 
 
+def test_photographs_that_a_lamp_explains_alone_stay_as_they_are() -> None:
+    y, x = np.mgrid[-1:1:60j, -1:1:80j]
+    air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
+    scene = make_ground(air, **{**GROUND, "width": 80, "height": 60})
+    lit = with_light(scene, np.repeat((1 - 0.25 * (x * x + y * y))[None, ..., None], 7, axis=0))
+    found = Sucre(robust=False).restore(lit, lit["3.png"])
+    best = found.info["judged"][0]
+    assert ("lens" in best["model"], best["held_out"] < 0.9) == (True, True)
+    assert found.info["solver"] == "none"
+
+
 # -- the fit -------------------------------------------------------------------------------------------------
 
 
