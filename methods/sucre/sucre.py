@@ -18,6 +18,7 @@ from sucre_bench.methods.sucre.known_water import check_source
 from sucre_bench.methods.sucre.light import Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend
+from sucre_bench.plugins.call_method import word_before
 
 if TYPE_CHECKING:
     from sucre_bench.multiview.observations import Observations
@@ -209,6 +210,7 @@ def check(options: Any, method: str) -> None:
 
     With another water than own there is nothing to weigh. physical may stay, with an effect for water=shared.
     """
+    method = word_before(method)
     water = f"{method}.water={options.water}"
     check_source(options.water)
     for name in ("footprint", "physical", "robust"):
