@@ -22,6 +22,9 @@ _WORDS = {
 }
 _WORDS |= {Mapping: "a dict", Path: "a path"}
 
+# Parameters that take any number of arguments, and so lack none.
+_OF_MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+
 
 def checked(call: Callable[P, T]) -> Callable[P, T]:
     """Decorate a public function or dataclass: what does not fit is an InputError, see `check_argument`."""
@@ -42,12 +45,26 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
             SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__
         )
 
+    def lacking(args: Iterable[Any], kwargs: Mapping[str, Any]) -> str:
+        """Name all arguments that are missing, if several are: Python's message names the first."""
+        try:
+            given = signature.bind_partial(*args, **kwargs).arguments
+        except TypeError:
+            return ""
+        names = [
+            one.name
+            for one in signature.parameters.values()
+            if one.default is one.empty and one.name not in given and one.kind not in _OF_MANY
+        ]
+        return f"missing required arguments: {', '.join(names)}" if len(names) > 1 else ""
+
     @functools.wraps(function)
     def checking(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError as fault:
-            raise InputError(str(fault), name, f"see help({name})") from fault
+            missing = lacking(args, kwargs) or str(fault)
+            raise InputError(missing, name, f"see help({name})") from fault
         given = bound.arguments
         for parameter, hint in hints().items():
             if (

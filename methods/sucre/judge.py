@@ -350,6 +350,13 @@ class Court:
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
+    def light_alone(self, model: Model) -> float:
+        """Return the error of the light of a fitted model without its water, over that of no water in even light."""
+        if model.light == EVEN_LIGHT:
+            return 1.0
+        *of_halves, _ = self.fitted[model]
+        return self.held_out([replace(fit, water=NONE) for fit in of_halves])
+
     def judged(self, model: Model) -> Judged | None:
         """Return the measures of a model; None if it cannot be fitted."""
         try:
@@ -420,11 +427,7 @@ class Court:
         # `min` takes the first of equals: the paper's steps.
         leaders = [*best(early)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
-        without = [1.0]
-        if chosen.light != EVEN_LIGHT:
-            *of_halves, _ = self.fitted[chosen]
-            without.append(self.held_out([replace(fit, water=NONE) for fit in of_halves]))
-        if chosen in known and known[chosen].held_out > BETTER * min(without):
+        if chosen in known and known[chosen].held_out > BETTER * min(1, self.light_alone(chosen)):
             chosen = NO_WATER
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
         is_clear = (

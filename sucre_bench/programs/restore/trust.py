@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import CHANNELS
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.image_files import read_rgb
@@ -64,7 +65,8 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     if record.get("solver") == "none":
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
     if assumed := record.get("assumed"):
-        return f"the water of {' and '.join(assumed)} was assumed"
+        of = "all channels" if len(assumed) == len(CHANNELS) else " and ".join(assumed)
+        return f"the water of {of} was assumed"
     far = {
         name: error
         for name, error in (record.get("far_error") or {}).items()
