@@ -300,7 +300,7 @@ LOST = r"(?P<method>\w+) .* (?P<n>\d+) of (?P<total>\d+) (?P<unit>\w+)s \((?P<re
 
 
 def images_lost(comparison: compare.Comparison) -> list[dict[str, str]]:
-    """What is said of lost images: whose, how many of how many, why, and how many are left; and of which metrics."""
+    """The parts of each note on lost images, as `LOST` names them, and the metrics of the note."""
     found = [(note, re.match(LOST, note.text)) for note in comparison.notes]
     return [
         {**match.groupdict(), "metrics": " ".join(column.metric for column in note.columns)}

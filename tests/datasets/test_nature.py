@@ -147,7 +147,7 @@ def test_conditions_do_what_they_say(exact: Nature):
     assert distance_map(air[0].camera, air[0].depth).max() > 3
 
 
-# Conditions, and whether one water holds for all pixels, so that it is told.
+# Whether one water holds for all pixels of a condition. Only then a scene tells its water.
 WATER_HOLDS = {
     "plain": True,
     "strobe": False,
