@@ -19,6 +19,7 @@ from sucre_bench.scene import Plane
 
 WaterName = Literal["coastal", "clear", "deep", "green", "blue", "haze"]
 PathName = Literal["approach", "forward", "survey", "survey_two_heights", "survey_varying", "orbit"]
+Relief = Literal["normal", "flat", "rough"]
 
 _VERSION = 2  # to be raised whenever equal options make another scene than before
 _MOST_PIXELS = 200_000_000  # of all views
@@ -50,7 +51,7 @@ class Nature:
     """The water, from "clear" to "haze"."""
     path: PathName = "approach"
     """How the camera moves: from 10 m to 2 m, forward over the ground, along a line above it, or around a place."""
-    relief: Literal["normal", "flat", "rough"] = "normal"
+    relief: Relief = "normal"
     """How high the ground is: about 0.35, 0.03 or 0.9 m."""
     errors: Literal["mild", "none"] = "mild"
     """mild: depth is wrong by .5 % in patches, and poses by .5 px in a drift, where the condition has no such errors of

@@ -1,5 +1,6 @@
 """Renders a made sea: `render(Nature(condition="fish"))` returns arrays of all views."""
 
+import functools
 from collections.abc import Callable, Iterator
 
 import cv2
@@ -8,7 +9,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera, intrinsics, pose_of
-from sucre_bench.datasets.nature import Nature, PathName, WaterName
+from sucre_bench.datasets.nature import Nature, PathName, Relief, WaterName
 from sucre_bench.datasets.nature.conditions import Condition
 from sucre_bench.datasets.nature.seabed import FAR_M, RAYS, Seabed, make_seabed, octaves
 
@@ -21,7 +22,7 @@ WATERS: dict[WaterName, tuple[tuple[float, float, float], ...]] = {
     "blue": ((0.05, 0.18, 0.38), (0.38, 0.12, 0.06), (0.30, 0.15, 0.08)),
     "haze": ((0.25, 0.42, 0.46), (0.75, 0.45, 0.42), (0.60, 0.40, 0.38)),
 }
-_RELIEF_M = {"normal": 0.35, "flat": 0.03, "rough": 0.9}
+_RELIEF_M: dict[Relief, float] = {"normal": 0.35, "flat": 0.03, "rough": 0.9}
 _MOST_GAIN = 4  # of a camera's automatics
 _AT_ONCE = 20_000  # pixels
 _MIDDLE = RAYS * RAYS // 2
@@ -81,11 +82,7 @@ def render(options: Nature) -> dict[str, Array]:
     rng = np.random.default_rng(
         [options.seed, *repr((spec, options.water, options.path, options.relief)).encode()]
     )
-    of_ground = np.random.default_rng(
-        [options.seed, *repr((options.path, options.relief)).encode()]
-    )
-    seabed = make_seabed(of_ground, _RELIEF_M[options.relief])
-    poses = np.stack(list(_poses(options.path, options.views, of_ground)))
+    seabed, poses = _place(options.seed, options.path, options.relief, options.views)
     camera = camera_of(options.width, options.height)
     B, beta, gamma = np.array(WATERS[options.water]) * (not spec.air)
     with_fish = [options.views // 6, options.views // 2][: spec.fish]
@@ -129,6 +126,14 @@ def render(options: Nature) -> dict[str, Array]:
         "pose": _drifting(poses, np.stack(depths), camera, spec, rng),
         "water": water,
     }
+
+
+@functools.lru_cache(maxsize=1)
+def _place(seed: int, path: PathName, relief: Relief, views: int) -> tuple[Seabed, Array]:
+    """Return the ground and the true poses (V, 4, 4), which all conditions share."""
+    rng = np.random.default_rng([seed, *repr((path, relief)).encode()])
+    seabed = make_seabed(rng, _RELIEF_M[relief])
+    return seabed, np.stack(list(_poses(path, views, rng)))
 
 
 def _see(
