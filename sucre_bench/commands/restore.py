@@ -74,9 +74,9 @@ def restore(
     sucre-bench restore photos/ restored/ method.water=own
 
     Photographs that overlap are prepared first, as `sucre-bench prepare` does, and restored together: one water, one
-    exposure and one white for the dive. Others are restored one by one. DIVE is a folder that `prepare` made, or one of
-    another program with depth maps. KEY=VALUE are options of the dataset or the method, as for `sucre-bench run`; and
-    for surveys workers=4, shard.count=50 and hydra/launcher=slurm.
+    exposure and one white for the dive. Others, and those whose picture is of no use, are restored one by one. DIVE is
+    a folder that `prepare` made, or one of another program with depth maps. KEY=VALUE are options of the dataset or the
+    method, as for `sucre-bench run`; and for surveys workers=4, shard.count=50 and hydra/launcher=slurm.
 
     OUT gets pictures/, contact-sheet.jpg, pictures.csv with how far each can be trusted, and work/, from which the same
     command continues if you stop it. Photographs are never changed.
@@ -103,13 +103,10 @@ def restore(
         click.echo(f"no picture of {len(done.faults) - _MOST_NAMED} more photographs")
     if not done.names:
         raise InputError("no photograph could be restored", source, "mend what is named above")
-    if done.instead:
-        replaced, (name, why) = (
-            counted(len(done.instead), "photograph"),
-            next(iter(done.instead.items())),
-        )
+    if done.n_instead:
+        photographs = counted(done.n_instead, "photograph")
         click.echo(
-            f"{method} could not restore {replaced}, so {single_view} balanced their colours: {name}: {why}"
+            f"{method} made no good picture of {photographs}, so {single_view} balanced their colours"
         )
     for limit, n in Counter(limit for one in done.together for limit in one.limits).items():
         if 2 * n > len(done.together):  # what fewer pictures have stays in their records
@@ -121,14 +118,16 @@ def restore(
         trust = f"Each is restored alone, by {options.single_view}, because {unplaced}. {trust}"
     if together := len(done.together):
         trust = _of_water(done.together)
-        share = f"{sum(one.measured for one in done.together) / together:.0%} of the pixels have a measured distance"
-        alone = len(done.names) - together - len(done.instead)
+        measured = [one.measured for one in done.together if "beta" in one.record]
+        guesses = "of the pixels have a measured distance, and colours of the others are guesses"
+        share = f"; {sum(measured) / together:.0%} {guesses}" if measured else ""
+        alone = len(done.names) - together - done.n_instead
         rest = (
             f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
             if alone
             else ""
         )
-        trust = f"{trust}; {share}, and colours of the others are guesses{rest}."
+        trust = f"{trust}{share}{rest}."
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(
         f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}"

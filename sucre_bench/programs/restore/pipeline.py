@@ -28,7 +28,7 @@ from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import check_folder, read_json, reading, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
-from sucre_bench.programs.restore.trust import Assessed, assess
+from sucre_bench.programs.restore.trust import Assessed, assess, ruined
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
@@ -102,14 +102,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Done:
-    """The outcome. names: of the pictures; faults: why a photograph has none; instead: of the pictures by the method of
-    single views, why the method of the dive could not make them; has_failed: whether that was its failure, and not
+    """The outcome. names: of the pictures; faults: why a photograph has none; n_instead: pictures that the method of
+    single views made, since the method of the dive could not; has_failed: whether that was its failure, and not
     depth that they lack; together: those that the method of the dive restored; assessed: how far each
     picture can be trusted."""
 
     names: tuple[str, ...]
     faults: Mapping[str, str]
-    instead: Mapping[str, str]
+    n_instead: int
     has_failed: bool
     together: Sequence[Restored]
     assessed: Sequence[Assessed]
@@ -159,6 +159,7 @@ def restore(
     """
     note = noted(source, out, options)
     dive = alone = _Run([], {}, False)
+    balanced = list[Restored]()
     with opening_once():
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
@@ -175,7 +176,9 @@ def restore(
                 *(f"method.{k}={v}" for k, v in values.items() if k not in named),
             ]
             dive = _run(source, [*words, *given], options.where, out, before)
-        done = {one.name for one in dive.restored}
+            if options.method != options.single_view:
+                dive, balanced = _replaced(dive, source, options, out)
+        done = {one.name for one in [*dive.restored, *balanced]}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
@@ -184,24 +187,23 @@ def restore(
             words = [f"method={options.single_view}", f"views={value_of(left)}"]
             alone = _run(rest, words, options.where, out, before)
     with progress.live():
-        restored = [*dive.restored, *alone.restored]
+        restored = [*dive.restored, *balanced, *alone.restored]
+        restored.sort(key=lambda one: one.name)
         faults = write_pictures(
             restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns
         )
-        assessed = assess(
-            [one for one in restored if one.name not in faults], out, options.original_geometry
-        )
+        instead = {name: f"not by {options.method}: {why}" for name, why in dive.faults.items()}
+        written = [one for one in restored if one.name not in faults]
+        assessed = assess(written, out, options.original_geometry, instead)
     if source.photographs:
         others = (
             path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder)
         )
         faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
-    written = tuple(one.name for one in restored if one.name not in faults)
-    faults |= {
-        name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}
-    }
-    instead = {name: why for name, why in dive.faults.items() if name in written}
-    return Done(written, faults, instead, dive.has_failed, dive.restored, assessed)
+    made = tuple(one.name for one in written)
+    faults |= {name: alone.faults.get(name, "") for name in names if name not in {*made, *faults}}
+    n_instead = len(instead.keys() & made)
+    return Done(made, faults, n_instead, dive.has_failed, dive.restored, assessed)
 
 
 def noted(source: Source, out: Path, options: Options, again: bool = True) -> Path:
@@ -310,6 +312,25 @@ def _run(
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, bool(outcome.failed) or not restored)
+
+
+def _replaced(
+    dive: _Run, source: Source, options: Options, out: Path
+) -> tuple[_Run, list[Restored]]:
+    """Restore the views of ruined pictures by the method of single views; return the dive without them, and them.
+
+    They come from the dive's own images, so that they have the geometry of its pictures.
+    """
+    whys = ruined(dive.restored)
+    if not whys:
+        return dive, []
+    views = sorted({one.view.name for one in dive.restored if one.name in whys})
+    words = [f"method={options.single_view}", f"views={value_of(views)}"]
+    again = _run(source, words, options.where, out, lambda _: None).restored
+    balanced = [one for one in again if one.name in whys]
+    faults = {one.name: whys[one.name] for one in balanced}
+    kept = [one for one in dive.restored if one.name not in faults]
+    return replace(dive, restored=kept, faults={**dive.faults, **faults}), balanced
 
 
 # -- the photographs of a dive ----------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import CHANNELS
+from sucre_bench.arrays import CHANNELS, Array
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.image_files import read_rgb
@@ -22,6 +22,7 @@ from sucre_bench.imaging.visible_faults import Look, VisibleFault, faults_of_div
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.restore.write import Restored
+from sucre_bench.results.restorations import read_mask
 
 # A water is measured if the method's judge admitted it, no channel was assumed, and far colours are wrong by less than
 # this share.
@@ -87,37 +88,78 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     return ""
 
 
-def assess(restored: Sequence[Restored], out: Path, original_geometry: bool) -> list[Assessed]:
-    """Return how far each picture below OUT/pictures can be trusted, and write it to OUT/pictures.csv."""
+def assess(
+    restored: Sequence[Restored], out: Path, original_geometry: bool, instead: Mapping[str, str]
+) -> list[Assessed]:
+    """Return how far each picture below OUT/pictures can be trusted, and write it to OUT/pictures.csv.
 
-    def look(one: Restored) -> Look:
-        below = max(one.record.get("negative_share") or [math.nan]) if one.is_of_dive else math.nan
-        try:
-            picture = read_rgb(out / "pictures" / one.name)
-            bent = original_geometry and one.lens is not None
-            beside = (
-                read_rgb(one.photograph)
-                if bent
-                else display(one.view.rgb, "none", one.view.encoding)
-            )
-            distance = one.view.distance if one.is_of_dive and not bent else None
-            return look_at(picture, beside, distance, below)
-        except ANY_FAULT:  # the picture stays; it is not looked at
-            return look_at(*np.full((2, 1, 1, 3), np.nan, dtype=np.float32))
+    instead: why another method than the dive's made a picture, by name.
+    """
 
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        looks = list(track(pool.map(look, restored), "looking at pictures", len(restored)))
-    together = [k for k, one in enumerate(restored) if one.is_of_dive]
-    faults: list[tuple[VisibleFault, ...]] = [() for _ in restored]
-    for k, found in zip(together, faults_of_dive([looks[k] for k in together]), strict=True):
-        faults[k] = found
-    assessed = [_assessed(one, found) for one, found in zip(restored, faults, strict=True)]
+    def seen(one: Restored) -> Look:
+        picture = read_rgb(out / "pictures" / one.name)
+        if original_geometry and one.lens is not None:
+            return look_at(picture, read_rgb(one.photograph), None, _below(one))
+        return _look(one, picture)
+
+    faults = _faults(restored, seen)
+    assessed = [_assessed(one, faults.get(one.name, ()), instead) for one in restored]
     _write(assessed, out / "pictures.csv")
     return assessed
 
 
-def _assessed(one: Restored, faults: Sequence[VisibleFault]) -> Assessed:
-    reasons = [_SEEN[fault.kind].format(value=fault.value) for fault in faults]
+def ruined(restored: Sequence[Restored]) -> dict[str, str]:
+    """Return why restored images of a dive are of no use, by name, before places without depth are filled."""
+
+    def seen(one: Restored) -> Look:
+        image, mask = read_rgb(one.image), read_mask(one.image)
+        return _look(one, image if mask is None else np.where(mask[..., None], image, np.nan))
+
+    whys = {
+        name: "; ".join(_words(fault) for fault in found if fault.kind in _RUINING)
+        for name, found in _faults(restored, seen).items()
+    }
+    return {name: why for name, why in whys.items() if why}
+
+
+def _faults(
+    restored: Sequence[Restored], seen: Callable[[Restored], Look]
+) -> dict[str, tuple[VisibleFault, ...]]:
+    """Return the faults of the pictures of a dive, by name."""
+
+    def look(one: Restored) -> Look:
+        try:
+            return seen(one)
+        except ANY_FAULT:  # the picture stays; it is not looked at
+            return Look()
+
+    together = [one for one in restored if one.is_of_dive]
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        looks = list(track(pool.map(look, together), "looking at pictures", len(together)))
+    names = [one.name for one in together]
+    return dict(zip(names, faults_of_dive(looks), strict=True))
+
+
+def _look(one: Restored, picture: Array) -> Look:
+    beside = display(one.view.rgb, "none", one.view.encoding)
+    return look_at(picture, beside, one.view.distance, _below(one))
+
+
+def _below(one: Restored) -> float:
+    """The share of the worst channel that is below zero before display; NaN if not known."""
+    return max(one.record.get("negative_share") or [math.nan])
+
+
+def _words(fault: VisibleFault) -> str:
+    return _SEEN[fault.kind].format(value=fault.value)
+
+
+def _assessed(
+    one: Restored, faults: Sequence[VisibleFault], instead: Mapping[str, str]
+) -> Assessed:
+    reasons = [_words(fault) for fault in faults]
+    if one.name in instead:
+        reasons.append(instead[one.name])
     if unmeasured := why_not_measured(one.record):
         reasons.append(unmeasured)
     trust = Trust.LOOK if reasons else Trust.GOOD

@@ -85,8 +85,10 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
 def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench: Bench) -> None:
     """The dive as `prepare` leaves it: undistorted PNG of distorted JPEG, depth with holes, one photograph unplaced."""
     dive, photos = write_dive(tmp_path / "dive", ("a.png", "b.png")), tmp_path / "photos"
-    for seed, name in enumerate(("a.jpg", "b.jpg", "c.jpg")):
-        write_image(photos / name, picture(seed))
+    for seed, name in enumerate("abc"):
+        gray = np.repeat(picture(seed)[..., :1], 3, axis=-1)  # noise in colours has a cast
+        write_image(photos / f"{name}.jpg", gray)
+        write_image(dive / "images" / f"{name}.png", gray)
     parameters = {
         "model": "SIMPLE_RADIAL",
         "width": 40,
@@ -138,6 +140,15 @@ class Unsure:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         return Restoration(view.rgb, info={"limits": ["far ground is hazy", f"{view.name} is odd"]})
+
+
+@method(needs={"depth"}, cites="nobody")
+@dataclass(frozen=True)
+class Green:
+    \"\"\"Make one view green.\"\"\"
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        return Restoration(view.rgb * ((0.2, 1, 0.2) if view.name == "b.png" else 1))
 """
 
 
@@ -158,6 +169,27 @@ def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("far ground is hazy") == 1, "once for the dive"
     assert "is odd" not in done.stdout
+
+
+def test_a_ruined_picture_of_a_dive_gives_way_to_balanced_colours(
+    tmp_path: Path, bench: Bench
+) -> None:
+    write_dive(tmp_path / "dive", ("a.png", "b.png", "c.png"))
+    (tmp_path / "broken.py").write_text(BROKEN)
+    words = ("--plugin", "broken.py", "--method", "green", "--single-view", "underwater")
+    for _ in range(2):  # the second finds all done
+        done = bench("restore", "dive", "out", *words)
+        assert done.returncode == 0, done.stderr
+        assert "no good picture of 1 photograph" in done.stdout
+        made, photograph = (
+            cv2.imread(str(tmp_path / folder / "b.png"))
+            for folder in ("out/pictures", "dive/images")
+        )
+        assert np.abs(made.astype(int) - photograph).max() <= 1
+    why = (tmp_path / "out/pictures.csv").read_text().splitlines()[2]
+    assert "b.png" in why
+    assert "cast" in why
+    assert "do not use" not in why
 
 
 def test_out_of_other_photographs_is_refused_and_other_options_write_again(
@@ -448,7 +480,7 @@ def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
     one = Restored(
         "a.png", image, view, image, None, None, "sucre_plus", 1.0, (), measured, is_of_dive=True
     )
-    (assessed,) = trust.assess([one], tmp_path, original_geometry=False)
+    (assessed,) = trust.assess([one], tmp_path, False, {})
     assert assessed.trust is not trust.Trust.GOOD
     assert len(assessed.reasons) == 1
     assert assessed.reasons[0] in (tmp_path / "pictures.csv").read_text()
