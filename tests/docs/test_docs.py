@@ -16,13 +16,13 @@ from support.command_line import commands as commands_by_name, hide
 from support.places import ROOT, write_experiments
 
 from sucre_bench import plugins
+from sucre_bench.cli import cli
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PLUGINS_OF_EXAMPLES = ("halve_blue",)  # of pages that make them
-ROOT_KEY = re.compile(r"^dataset\.root=.*")  # any path will do
-FREE = re.compile(r"^(out|every)=|^-m$")  # commands that differ in these alone are alike
+FREE = re.compile(r"(out|every|dataset\.root)=")  # commands that differ in these alone are alike
 
 
 def text_of(page: Path) -> str:
@@ -35,9 +35,13 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def commands() -> list[str]:
-    """Every sucre-bench command line."""
-    lines = [line.strip() for page in PAGES for line in text_of(page).splitlines()]
-    return sorted({line for line in lines if line.startswith("sucre-bench ")})
+    """Every sucre-bench command line, of pages and of helps."""
+    texts = [
+        *map(text_of, PAGES),
+        *(command.help or "" for command in (cli, *commands_by_name().values())),
+    ]
+    lines = {line.strip() for text in texts for line in text.splitlines()}
+    return sorted(line for line in lines if line.startswith("sucre-bench "))
 
 
 def mentioned() -> list[str]:
@@ -77,21 +81,24 @@ def with_one_method(words: list[str]) -> list[str]:
 
 
 def documented() -> list[list[str]]:
-    """The words of every command; of runs that differ only in where files lie and in how many views, the first."""
-    found: dict[object, list[str]] = {}
-    for line in commands():
-        words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
-        sweep = ("-m",) * (
-            not any("experiment=" in word or word.endswith(".yaml") for word in words)
-            and "-m" in words
-        )
-        alike = (
-            *(ROOT_KEY.sub("dataset.root=", word) for word in words if not FREE.match(word)),
-            *sweep,
-        )
-        if not any(plugin in line for plugin in PLUGINS_OF_EXAMPLES):
-            found.setdefault(alike if words[0] == "run" else line, [few(word) for word in words])
-    return [with_one_method(words) for words in sorted(found.values(), key=len)]
+    """The words of every command, but of runs whose every word stands in a longer one with the same choices."""
+    found: list[list[str]] = []
+    seen: set[tuple[str, ...]] = set()
+    for line in sorted(commands(), key=lambda line: (-len(line), line)):
+        words = shlex.split(re.split(r" {2,}#| {3,}| \| | > ", line)[0])[1:]
+        choices = [word for word in words if re.match("(dataset|method|experiment)=", word)]
+        told = {
+            (word, *(choices if re.match(r"\w+\.", word) else ()))
+            for word in words
+            if not FREE.match(word)
+        }
+        if any(plugin in line for plugin in PLUGINS_OF_EXAMPLES) or (
+            words[0] == "run" and told <= seen
+        ):
+            continue
+        seen |= told
+        found.append([few(word) for word in words])
+    return [with_one_method(words) for words in reversed(found)]
 
 
 @pytest.mark.parametrize("words", documented(), ids=" ".join)
