@@ -166,7 +166,8 @@ def _cast(
     """
     limits = np.quantile(metres[ground], [0, 1 / 3, 2 / 3, 1])
     found = [(math.nan, math.nan)]
-    for near, far in itertools.pairwise(limits):
+    # a set: without distances, the thirds are one
+    for near, far in set(itertools.pairwise(limits)):
         third = ground & (metres >= near) & (metres <= far)
         if np.count_nonzero(third) < _FEWEST:
             continue
@@ -178,10 +179,9 @@ def _cast(
         apart = []
         shifts = []
         chroma = float(np.hypot(*np.median(lab_was[parts[-1]], axis=0)[1:]))
+        a_and_b = np.hstack([one[:, 1:] for one in (lab, lab_was, balanced)])
         for part in (part for part in parts if part.any()):
-            now, before, right = (
-                np.median(one[part], axis=0)[1:] for one in (lab, lab_was, balanced)
-            )
+            now, before, right = np.median(a_and_b[part], axis=0).reshape(3, 2)
             apart.append(
                 min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right))
             )
