@@ -38,8 +38,9 @@ _SEEN = {
     "turning": "its hue differs from the other pictures', and the photographs' do not",
     "below": "{value:.0%} of a channel is darker than black",
 }
-# Faults that make a picture useless; others may lie where nobody looks.
-_RUINING = {"cast", "turning", "below"}
+# Faults that make a picture useless, from so many times their limit; others may lie where nobody looks. Of 100 pictures
+# of nine dives, those that the eye accepts have casts up to 1.3 times the limit.
+_RUINING = {"cast": 1.5, "turning": 1.0, "below": 1.0}
 
 
 class Trust(Enum):
@@ -116,7 +117,7 @@ def ruined(restored: Sequence[Restored]) -> dict[str, str]:
         return _look(one, image if mask is None else np.where(mask[..., None], image, np.nan))
 
     whys = {
-        name: "; ".join(_words(fault) for fault in found if fault.kind in _RUINING)
+        name: "; ".join(_words(fault) for fault in found if _is_ruining(fault))
         for name, found in _faults(restored, seen).items()
     }
     return {name: why for name, why in whys.items() if why}
@@ -150,6 +151,10 @@ def _below(one: Restored) -> float:
     return max(one.record.get("negative_share") or [math.nan])
 
 
+def _is_ruining(fault: VisibleFault) -> bool:
+    return fault.value > _RUINING.get(fault.kind, math.inf) * fault.limit
+
+
 def _words(fault: VisibleFault) -> str:
     return _SEEN[fault.kind].format(value=fault.value)
 
@@ -163,7 +168,7 @@ def _assessed(
     if unmeasured := why_not_measured(one.record):
         reasons.append(unmeasured)
     trust = Trust.LOOK if reasons else Trust.GOOD
-    if any(fault.kind in _RUINING for fault in faults):
+    if any(_is_ruining(fault) for fault in faults):
         trust = Trust.DO_NOT_USE
     return Assessed(one.name, trust, tuple(reasons))
 
