@@ -52,7 +52,7 @@ def test_scores_that_are_there_are_kept(out: Path, tmp_path: Path):
 
 
 def test_a_metric_added_later_scores_what_an_earlier_run_restored(out: Path):
-    assert run(out, "metrics=[psnr]", "report=false").exit_code == 0
+    assert run(out, "metrics=[psnr]").exit_code == 0
     restored = (out / "restored" / "toy" / "gain" / "v0.png").stat().st_mtime_ns
     rows = scores(apart(out, "overwrite=missing").rows)
     assert set(rows["status"]) == {"ok"}

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support import command_line
-from support.command_line import but_times, calls
+from support.command_line import but_times, calls, run
 from support.toy_plugins import Toy
 
 from sucre_bench import compare, results
@@ -18,12 +17,8 @@ from sucre_bench.results.restorations import read_mask
 from sucre_bench.results.table import read_common
 
 
-def run(out: Path, *overrides: str) -> Outcome:
-    return command_line.run(out, "report=false", *overrides)
-
-
 def sweep(out: Path, methods: str, *overrides: str) -> Outcome:
-    return command_line.run(out, "report=false", f"method={methods}", *overrides, multirun=True)
+    return run(out, f"method={methods}", *overrides, multirun=True)
 
 
 @pytest.fixture

@@ -109,7 +109,6 @@ def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
         "first=1",
         "metrics=[coverage]",
         "method=sucre,sucre_plus",
-        "report=false",
     )
     other = out.with_name("other") / "restored/demo/sucre"
     with pytest.raises(SucreBenchError, match=rf"^{re.escape(str(other))}: .*sucre_plus\.water"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
-import pytest
 from support.command_line import run_here
 from support.places import TOYS
 
@@ -28,13 +27,12 @@ def rows_of(folder: Path, *words: str) -> pd.DataFrame:
     return results.read(folder / "results")
 
 
-@pytest.mark.parametrize("methods", ["named", "named,gray_world"])
-def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path, methods: str):
+def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path):
     found = []
     for n_workers in (1, 3):
         folder = tmp_path / str(n_workers)
         folder.mkdir()
-        rows = rows_of(folder, f"method={methods}", f"workers={n_workers}")
+        rows = rows_of(folder, "method=named,gray_world", f"workers={n_workers}")
         used = rows[rows["method"] == "named"]["device"].nunique()
         assert (used == 1) == (n_workers == 1), "one worker, or several for one method"
         found.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ DEATHS = {
 
 def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(tmp_path: Path):
     acts = ",".join(DEATHS)
-    sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]")
+    sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]", "workers=2")
     done = Started(tmp_path, *sweep).ended()
     check(done, tmp_path, acts, {act: f"the process died ({how}" for act, how in DEATHS.items()})
     assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
@@ -72,8 +73,10 @@ def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_o
 ACTOR = words("fine", "method=actor", "metrics=[coverage]")
 
 
-def died_at_fine(folder: Path) -> dict[str, str]:
-    """A results folder as a process leaves it that died at fine.png: the time of each view's row."""
+@pytest.fixture(scope="module")
+def died_at_fine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results as a process leaves them that died at fine.png."""
+    folder = tmp_path_factory.mktemp("died")
     run_here(folder, *ACTOR)
     table = folder / "results" / "scores.parquet"
     rows = pd.read_parquet(table)
@@ -84,7 +87,7 @@ def died_at_fine(folder: Path) -> dict[str, str]:
         np.nan,
     ]
     rows[~died | (rows["metric"] == "seconds")].to_parquet(table)
-    return restorations(folder)["time"].to_dict()
+    return folder / "results"
 
 
 @pytest.mark.parametrize(
@@ -97,9 +100,10 @@ def died_at_fine(folder: Path) -> dict[str, str]:
     ],
 )
 def test_a_view_at_which_a_process_died_is_tried_again_only_if_asked(
-    tmp_path: Path, overwrite: str, again: set[str]
+    died_at_fine: Path, tmp_path: Path, overwrite: str, again: set[str]
 ):
-    before = died_at_fine(tmp_path)
+    shutil.copytree(died_at_fine, tmp_path / "results")
+    before = restorations(tmp_path)["time"].to_dict()
     done = run_here(tmp_path, *ACTOR, f"overwrite={overwrite}")
     after = restorations(tmp_path)["time"].to_dict()
     assert {view for view in before if after[view] != before[view]} == again
@@ -186,12 +190,8 @@ def test_a_view_that_removes_its_folder_costs_no_view(tmp_path: Path):
     assert "4 ok, 0 failed" in done.stdout
 
 
-@pytest.mark.parametrize(
-    "at_once", [("workers=2",), ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")]
-)
-def test_jobs_side_by_side_lose_no_more_than_the_view_at_which_one_dies(
-    tmp_path: Path, at_once: tuple[str, ...]
-):
+def test_jobs_of_joblib_lose_no_more_than_the_view_at_which_one_dies(tmp_path: Path):
+    at_once = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
     sweep = words("segfault", "-m", "method=actor,gray_world", "metrics=[coverage]", *at_once)
     # A program by itself: joblib's processes outlive a forked command by 300 s.
     done = run_program(tmp_path, *sweep)
@@ -223,8 +223,7 @@ def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize("kind", ["view", "scene"])
-@pytest.mark.parametrize("name", ["''", ".", "/", "./"])
+@pytest.mark.parametrize(("kind", "name"), [("view", "''"), ("view", "./"), ("scene", "/")])
 def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(
     tmp_path: Path, kind: str, name: str
 ):

@@ -296,7 +296,10 @@ def _discovered(*files: Path) -> Registry:
 
 
 def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
-    """Run the toy plugins in this process, methods and metrics too: another test may have started threads in it."""
+    """Run the toy plugins in this process, methods and metrics too: another test may have started threads in it.
+
+    Without a page.
+    """
     from sucre_bench.engine.hydra_run import run_words as run_jobs
 
     base = [
@@ -305,6 +308,7 @@ def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
         "metrics=[psnr,redness]",
         "tracking.uri=off",
         "workers=0",
+        "report=false",
         f"out={out}",
     ]
     return run_jobs([*base, *overrides], multirun)

@@ -32,7 +32,6 @@ def results_folder(toys: str, tmp_path: Path) -> Path:
         tmp_path / "results",
         "method=gain,left_half,middle",
         "left_half.stop=0.75",
-        "report=false",
         multirun=True,
     )
     return tmp_path / "results"
@@ -57,7 +56,6 @@ def test_a_method_that_fills_next_to_nothing_is_left_out_and_named(
         tmp_path / "results",
         "method=gain,left_half,middle",
         "left_half.stop=0.1",
-        "report=false",
         multirun=True,
     )
     made = bench("study", "results", "--methods", "gain,left_half,middle", "--out", "study.html")
@@ -69,7 +67,7 @@ def test_a_method_that_fills_next_to_nothing_is_left_out_and_named(
 def test_methods_that_share_no_pixel_are_named_and_can_be_shown_on_their_own(
     bench: Callable[..., Any], toys: str, tmp_path: Path
 ):
-    run(tmp_path / "results", "method=left_half,right_half", "report=false", multirun=True)
+    run(tmp_path / "results", "method=left_half,right_half", multirun=True)
     asked = ("study", "results", "--methods", "left_half,right_half", "--out", "study.html")
     refused = bench(*asked)
     assert refused.returncode == 2

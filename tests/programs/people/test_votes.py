@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("made")
     with plugins.using(registry(TOYS)):
         for label, gain in (("bright", 1.0), ("dark", 0.4)):
-            run(place / "results", f"method.gain={gain}", f"method.label={label}", "report=false")
+            run(place / "results", f"method.gain={gain}", f"method.label={label}")
     done = run_here(place, "study", "results", "--methods", "bright,dark", "--out", "study.html")
     assert done.returncode == 0, done.stderr
     return place
@@ -75,7 +75,7 @@ def test_votes_become_a_metric_that_a_run_keeps(
 ):
     told, _ = evaluated(bench, *files_of_six(tmp_path, study))
     assert told["missing"] == ""
-    run(tmp_path / "results", "method.gain=1.0", "method.label=bright", "report=false")
+    run(tmp_path / "results", "method.gain=1.0", "method.label=bright")
     rows = results.read(tmp_path / "results")
     own = rows[rows["metric"] == "preference"]
     assert (len(own), set(own["view"])) == (6, {"v0.png", "v1.png", "v2.png"})
@@ -90,7 +90,7 @@ def test_rows_of_pictures_that_are_made_anew_go(
 ):
     files = files_of_six(tmp_path, study)
     evaluated(bench, *files)
-    again = ("method.gain=0.9", "method.label=bright", "overwrite=always", "report=false")
+    again = ("method.gain=0.9", "method.label=bright", "overwrite=always")
     run(tmp_path / "results", *again)
     rows = results.read(tmp_path / "results")
     assert set(rows.loc[rows["metric"] == "preference", "method"]) == {"dark"}
