@@ -94,6 +94,7 @@ def test_a_run_says_if_the_chosen_views_are_neighbours(
         "metrics=[coverage]",
         "tracking.uri=off",
         "report=false",
+        "workers=0",
     )
     assert done.returncode == 0, done.stderr
     found = re.findall(

@@ -45,14 +45,6 @@ CASES = {
     "a mistyped command": Case(
         f"rn {GRAY}", r"did you mean '(run)'", (f"{RUN.replace('run ', '{1} ')} {GRAY}",)
     ),
-    "a mistyped method": Case(
-        f"{RUN} method=gray_wrld metrics=[coverage]",
-        r"did you mean '(\w+)'",
-        (f"{RUN} method={{1}} metrics=[coverage]",),
-    ),
-    "a mistyped option": Case(
-        f"{RUN} {GRAY} overwrit=always", r"did you mean '(\w+)'", (f"{RUN} {GRAY} {{1}}=always",)
-    ),
     "an option of a method among those of run": Case(
         f"{RUN} {GRAY} display=none", r"write (method\.display=none)", (f"{RUN} {GRAY} {{1}}",)
     ),
@@ -64,11 +56,6 @@ CASES = {
         f"{RUN} method=gray_world metrics=[]",
         r"add metrics=\[NAME,\.\.\.\], `sucre-bench (list metrics)`",
         ("{1}", f"{RUN} {GRAY}"),
-    ),
-    "several methods": Case(
-        f"{RUN} method=gray_world,underwater metrics=[coverage]",
-        r"; .*(-m)\b",
-        (f"{RUN} {{1}} method=gray_world,underwater metrics=[coverage]",),
     ),
     "a shard that is none": Case(
         f"{RUN} {GRAY} shard.count=2 shard.index=2",
@@ -122,9 +109,6 @@ CASES = {
         "study done --methods gray_world,nope --out a.html",
         r"known: (\w+), (\w+)",
         ("study done --methods {1},{2} --out a.html",),
-    ),
-    "a dataset's option that must be given": Case(
-        "describe colmap", r"add (dataset\.root=)", ("describe colmap {1}dive --no-sheet",)
     ),
     "a folder that is nowhere": Case(
         f"{RUN} {GRAY} dataset.root=nowhere",

@@ -91,7 +91,8 @@ def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
     path = out / "scores.parquet"
     write(path)
     before = path.read_bytes() if path.is_file() else None
-    for command in COMMANDS.values() if said else [COMMANDS["compare"]]:
+    # all commands read it by one function
+    for command in COMMANDS.values() if write is cut else [COMMANDS["compare"]]:
         done = run_here(tmp_path, *command)
         assert done.returncode == 2, command
         assert "scores.parquet" in done.stderr
