@@ -147,7 +147,7 @@ def test_photographs_that_a_lamp_explains_alone_stay_as_they_are() -> None:
     air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
     scene = make_ground(air, **{**GROUND, "width": 80, "height": 60})
     lit = with_light(scene, np.repeat((1 - 0.25 * (x * x + y * y))[None, ..., None], 7, axis=0))
-    found = Sucre(robust=False).restore(lit, lit["3.png"])
+    found = sucre().restore(lit, lit["3.png"])
     best = found.info["judged"][0]
     assert ("lens" in best["model"], best["held_out"] < 0.9) == (True, True)
     assert found.info["solver"] == "none"
