@@ -153,8 +153,9 @@ def test_a_trial_of_another_sweeper_is_there_while_it_runs(out: Path, uri: str, 
 
 @pytest.mark.parametrize("launcher", ["workers", "joblib"])
 def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
-    program, out: Path, uri: str, launcher: str
+    bench, program, out: Path, uri: str, launcher: str
 ):
+    command = bench if launcher == "workers" else program
     if launcher == "joblib":
         pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     words = (
@@ -165,7 +166,7 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
         f"hydra/launcher={launcher}",
         f"out={out}",
     )
-    assert program(*words).returncode == 1
+    assert command(*words).returncode == 1
     logged, rows = by_method(uri), results.read(out)
     assert set(logged) == {"", "gain", "faulty"}
     parent, gain, faulty = (logged[name] for name in ("", "gain", "faulty"))

@@ -26,7 +26,7 @@ def write_page(out: Path, rows: pd.DataFrame) -> Path:
 
 
 SHEET = "#scores [data-dataset]:not([hidden]) [data-table]:not([hidden])"  # the table of scores that is shown
-WIDTH, HEIGHT = 1200, 800  # of the pictures: larger than their thumbnails
+WIDTH, HEIGHT = 1000, 500  # of the pictures: larger than their thumbnails
 
 
 @pytest.fixture(scope="module")
