@@ -396,7 +396,10 @@ def test_plots_and_patches_show_the_numbers_of_the_table_and_a_list_shows_anothe
     assert page.ask(f"{cost}.data.map((t) => [t.name, t.x[0], t.y[0]])") == [
         ["plain", 1.0, 21.0], ["clever", 1.0, 26.0], ["broken", 1.0, 18.5],
     ]  # fmt: skip
-    assert page.ask(f"{drawn(page, '.distance')}.data[0].x") == [2, 4, 8]
+    distance = drawn(page, ".distance")
+    assert page.ask(f"{distance}.data.map((t) => t.x)") == [[2, 4, 8], [2, 4, 8], [2, 4]]
+    mean = np.mean(list(DE00.values()))
+    assert page.ask(f"{distance}.data[0].y") == pytest.approx([mean] * 3, abs=1e-4)
     water = drawn(page, ".estimate")
     assert page.ask(f"{water}.data.length") == 6  # 3 channels, and the truth
     assert page.ask(f"{water}.data.find((t) => t.name === 'true').y") == [0.1, 0.1, 0.1]
