@@ -48,15 +48,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # The files that take longest, longest first: they are begun first, so that all processes end together. The first four
 # need different compiled loops: a process waits while another compiles what both need.
 SLOW = (
+    "methods/sucre/test_real_dives.py",
     "engine/slurm/test_slurm.py",
-    "reports/page/test_in_browser.py",
+    "golden/test_golden.py",
     "programs/contract/test_built_in.py",
     "programs/prepare/test_prepare.py",
     "methods/sucre/test_judge.py",
     "methods/sucre/test_light.py",
     "methods/sucre/test_exact.py",
     "reports/test_mlflow.py",
-    "methods/sucre/test_real_dives.py",
+    "reports/page/test_in_browser.py",
     "engine/test_real_images.py",
     "hostile/test_current_folder.py",
     "methods/sucre/test_footprint.py",
