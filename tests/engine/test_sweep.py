@@ -283,32 +283,11 @@ def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "~").exists()
 
 
-@pytest.mark.parametrize("words", [["workers=2"]])
-def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once(
-    out: Path, words: list[str], capsys: pytest.CaptureFixture[str]
-):
-    one = run(out / "one", "method=faulty,gain", multirun=True)
-    assert (one.ok, len(one.failed), one.exit_code) == (5, 1, 1)
+def test_one_failing_job_of_a_sweep_stops_no_other(out: Path, capsys: pytest.CaptureFixture[str]):
+    outcome = run(out, "method=faulty,gain", multirun=True)
+    assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (5, 1, 1)
     # as it happens
     assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err
-    two = run(out / "two", "method=faulty,gain", *words, multirun=True)
-    same = [
-        "dataset",
-        "scene",
-        "view",
-        "method",
-        "metric",
-        "variant",
-        "region",
-        "value",
-        "status",
-        "reason",
-    ]
-    plain = [
-        o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True)
-        for o in (one, two)
-    ]
-    pd.testing.assert_frame_equal(*plain)
 
 
 def test_a_sweep_has_the_environment_and_the_folder_of_hydra(out: Path, tmp_path: Path):
