@@ -23,15 +23,19 @@ OPTIONS = {
     name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()
 }
 SIZE_PX = 640  # photographs are shrunk to this longest side; at 480 `prepare` places only 3 of the 12 of the pool
-UNPLACED = "frame_00_03_*"  # photographs of the pool that `prepare` tries to place a second time, for long, in vain
+PHOTOGRAPHS = (
+    6  # of a dive, the first ones; `prepare` tries twice to place the last two of the pool
+)
 
 
 def scene_of(folder: str, out: Path) -> sb.Scene:
     """A set with depth as it is published, or photographs alone with the depth that `prepare` makes."""
     root, scale = published(folder), 0.35
     if not (root / "depths").is_dir():
-        photographs = shutil.copytree(root, out / "in", ignore=shutil.ignore_patterns(UNPLACED))
-        prepare(photographs, out / "dive", Options(max_size=SIZE_PX, depth_size=SIZE_PX // 2))
+        (out / "in").mkdir()
+        for file in sorted(root.iterdir())[:PHOTOGRAPHS]:
+            shutil.copy(file, out / "in")
+        prepare(out / "in", out / "dive", Options(max_size=SIZE_PX, depth_size=SIZE_PX // 2))
         root, scale = out / "dive", 1.0
     return sb.load_scene("colmap", root=root, image_scale=scale)
 
