@@ -192,6 +192,7 @@ def test_no_program_of_a_method_lives_longer_than_the_command(tmp_path: Path, en
             program,
             "metrics=[coverage]",
         ]
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored below `nohup make test`
         os.execv(PROGRAM, [PROGRAM, *words, "tracking.uri=off", "report=false"])
     try:
         deadline = time.monotonic() + 300
