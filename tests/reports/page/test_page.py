@@ -276,7 +276,6 @@ def composed(words: list[str]) -> Any:
 @pytest.mark.parametrize(
     "overrides",
     [
-        ["dataset=toy", "method=gain"],
         [
             "dataset=toy",
             "dataset.views=2",
@@ -297,10 +296,15 @@ def composed(words: list[str]) -> Any:
             "method.log='/tmp/dive ünï/[x]{y}=z'",
             "method.display=stretch-2-98",
         ],
-        ["dataset=toy", "dataset.tag='true'", "method=gain"],
-        ["dataset=toy", "dataset.tag='3'", "method=gain"],
-        ["dataset=toy", "method=gain", "degrade.within=2", "degrade.noise=0.02", "degrade.seed=4"],
-        ["dataset=toy", "dataset.label=mine", "method=gain", "degrade.depth_noise=0.1"],
+        ["dataset=toy", "dataset.tag='true'", "method=gain", "degrade.depth_noise=0.1"],
+        [
+            "dataset=toy",
+            "dataset.tag='3'",
+            "method=gain",
+            "degrade.within=2",
+            "degrade.noise=0.02",
+            "degrade.seed=4",
+        ],
         [
             "dataset=demo",
             "dataset.water=turbid",
