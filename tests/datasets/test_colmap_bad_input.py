@@ -147,14 +147,9 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
         ["charts.json: a.png, left", "'dkg'", "'dgk'"],
     ),
     "charts: three corners": (corners(*IN[:3]), ["charts.json: a.png, left: not four corners"]),
-    "charts: nan": (corners((np.nan, 1), *IN[1:]), ["charts.json: a.png, left: not four corners"]),
     "charts: outside": (
         corners(IN[0], (41.0, 3.0), *IN[2:]),
         ["charts.json: a.png, left: a corner", "40x30"],
-    ),
-    "charts: crossed": (
-        corners(IN[0], IN[1], IN[3], IN[2]),
-        ["charts.json: a.png, left: not four corners in"],
     ),
     "charts: mirrored": (corners(*IN[::-1]), ["charts.json: a.png, left: not four corners in"]),
 }

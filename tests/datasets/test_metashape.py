@@ -264,12 +264,10 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(
 
 
 @pytest.mark.parametrize("name", ["project.zip", "3/chunk.zip", "3/0/frame.zip"])
-@pytest.mark.parametrize("damage", ["missing", "cut", "not an archive"])
-def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: str) -> None:
+@pytest.mark.parametrize("damage", [Path.unlink, cut])
+def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: Change) -> None:
     path = write_project(tmp_path, ".psx") / "dive.files" / name
-    path.unlink() if damage == "missing" else cut(path) if damage == "cut" else path.write_text(
-        "hello"
-    )
+    damage(path)
     with one_line(str(path), "Export Cameras"):
         load(tmp_path)
 
