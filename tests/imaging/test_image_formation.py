@@ -10,7 +10,6 @@ from support.made_scene import WATER, make_camera, make_pose, make_view
 
 import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water
-from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import (
     TwoTerm,
@@ -151,13 +150,6 @@ def test_euclidean_distance_is_used_where_the_camera_is_known(method: str):
     expected, found = (restore(method, v) for v in (far, view))
     assert (expected.info["along"], found.info["along"]) == ("depth", "distance")
     np.testing.assert_array_equal(found.image, expected.image)
-
-
-@each
-def test_a_view_without_any_depth_is_not_applicable(method: str):
-    view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
-    with pytest.raises(NotApplicableError, match=r"empty\.png"):
-        restore(method, view)
 
 
 @each

@@ -11,7 +11,7 @@ from skimage.color import lab2rgb, rgb2lab
 from support.forward_model import restored_image as restored
 from support.made_scene import make_scene
 
-from sucre_bench import Arrays, InputError, Scene, SolveError, View
+from sucre_bench import Arrays, InputError, Scene, View
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.clahe import Clahe
 from sucre_bench.methods.gray_world import GrayWorld
@@ -98,17 +98,6 @@ def test_stitching_takes_the_closest_observation() -> None:
     for pixel, (_, colour) in nearest.items():
         np.testing.assert_allclose(image.reshape(-1, 3)[pixel], colour, atol=1e-6)
     assert (image != TARGET.rgb)[TARGET.valid].any(axis=-1).mean() > 0.3  # a nearer view did help
-
-
-def test_stitching_a_view_without_any_depth_is_an_error_that_says_so() -> None:
-    blind = View(
-        "blind.png",
-        Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)),
-        TARGET.camera,
-        TARGET.cam_from_world,
-    )
-    with pytest.raises(SolveError, match=r"^blind\.png: .*depth;"):
-        Stitching().restore(SCENE, blind)
 
 
 RNG = np.random.default_rng(0)
