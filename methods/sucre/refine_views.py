@@ -11,8 +11,9 @@ A_o,
     s  = sum_shown A_v m_v / (A_o + sum_shown A_v)               is what the views have changed at a pixel, and
     s* = sum f_v A_v m_v / (A_o + sum f_v A_v)                   what they would have, had none of them a gap;
 
-f_v is 1 inside the field of view v and falls to 0 at its rim. The result is J + s* - s. Detail and noise stay as they
-are: only means over windows are added. Where views agree, m_v is no larger than chance and counts as 0.
+f_v is 1 inside the field of view v and falls to 0 at its rim. The result is J + d, d being s* - s less its own mean
+over the window: the pattern goes, and the colour of a place stays what all its views say. Detail and noise stay as
+they are. Where views agree, m_v is no larger than chance and counts as 0.
 
 **Edges.** Depth maps of real dives are off by some pixels at outlines. A pixel of a near board then has the distance of
 the ground behind it, and pairs with ground in other views. Its colour becomes a mixture, removed through the wrong
@@ -125,7 +126,11 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     change = Am_whole / np.maximum(A_o + A_whole, _LEAST_SQUARE) - Am / np.maximum(
         A_o + A_sum, _LEAST_SQUARE
     )
-    return np.asarray(J + np.where(A_o > 0, change, 0).reshape(-1, 3)[pixels].T, dtype=np.float32)
+    is_own = A_o > 0
+    change[~is_own] = 0
+    n = np.maximum(box_sum(is_own.astype(np.float32), _WINDOW // 2), 1)
+    change -= np.where(is_own, box_sum(change, _WINDOW // 2) / n, 0)
+    return np.asarray(J + change.reshape(-1, 3)[pixels].T, dtype=np.float32)
 
 
 def _field(there: Mask) -> Array:
