@@ -56,7 +56,8 @@ def test_gaps_of_a_view_do_not_show(gain: float) -> None:
     ]
     assert (step[0] > 0.05).all()
     assert (step[1] < 0.1 * step[0]).all()
-    np.testing.assert_allclose(after[inside & ~GAPS], before[inside & ~GAPS], atol=0.02)
+    means = [image[inside].mean(axis=0) for image in (after, before)]
+    np.testing.assert_allclose(*means, atol=2e-3)  # what all views say of a place stays
 
 
 def test_the_field_of_a_view_ends_without_a_step() -> None:
