@@ -9,7 +9,7 @@ import pytest
 from support.messages import names, refused
 
 import sucre_bench
-from sucre_bench import InputError, PluginError, method, plugins
+from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.compose_jobs import jobs
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import Broken
@@ -187,6 +187,15 @@ def test_two_files_of_one_name_are_two_modules(tmp_path: Path):
         (tmp_path / folder).mkdir()
         load_file(write(tmp_path / folder, name, "mine.py"))
     assert find("method", "first").cls.__module__ != find("method", "second").cls.__module__
+
+
+def test_a_decorator_refuses_what_nobody_could_use():
+    with pytest.raises(
+        InputError, match=r"metric\(better\): is 'up'; pass 'higher' or 'lower' or 'none'"
+    ):
+        metric(variants={"only": ""}, unit="", better="up", range=(0, 1))
+    with pytest.raises(InputError, match="display 'strech': unknown"):
+        method(display="strech")
 
 
 def test_what_a_plugin_prints_when_imported_is_no_output_of_ours(tmp_path: Path, bench):

@@ -38,7 +38,7 @@ _SEEN = {
     "turning": "its hue differs from the other pictures', and the photographs' do not",
     "below": "{value:.0%} of a channel is darker than black",
 }
-# Faults that make a picture useless, from so many times their limit; others may lie where nobody looks. Of 100 pictures
+# Faults that make a picture useless, from so many times their limit; others may lie where nobody looks. Of 120 pictures
 # of nine dives, those that the eye accepts have casts up to 1.3 times the limit.
 _RUINING = {"cast": 1.5, "turning": 1.0, "below": 1.0}
 

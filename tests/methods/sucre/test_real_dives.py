@@ -23,9 +23,9 @@ OPTIONS = {
     name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()
 }
 SIZE_PX = 640  # photographs are shrunk to this longest side; at 480 `prepare` places only 3 of the 12 of the pool
-PHOTOGRAPHS = (
-    6  # of a dive, the first ones; `prepare` tries twice to place the last two of the pool
-)
+
+# The first photographs of a dive: `prepare` tries twice, in vain, to place the last two of the pool.
+PHOTOGRAPHS = 6
 
 
 def scene_of(folder: str, out: Path) -> sb.Scene:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from support.made_results import ESTIMATE, PSNR, TRUTH, made_results
+from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import plugins, results
 from sucre_bench.compare import compare
@@ -61,6 +61,15 @@ class Page(HTMLParser):
             json.loads(text)
             for attributes, text in self.scripts
             if attributes.get("class") == "dataset"
+        ]
+
+    @property
+    def figures(self) -> list[dict[str, Any]]:
+        """The plots, as Plotly has them."""
+        return [
+            json.loads(text)
+            for attributes, text in self.scripts
+            if attributes == {"type": "application/json"}
         ]
 
     def rows(self, table: str) -> list[list[str]]:
@@ -135,6 +144,14 @@ def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
     assert page.text.count("faulty on toy, v1.png: ValueError: boom") == 1
 
 
+def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
+    means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
+    # the third is a hole
+    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}
+    assert list(means) == ["clever", "plain", "broken"]
+    assert '<td class="best " data-value="26.0"' in page.source
+
+
 def test_scores_that_know_no_true_colours_do_not_order_the_methods(page: Page, tmp_path: Path):
     rows = made_results(tmp_path)
     rows = rows[rows["metric"].isin(["psnr", "seconds"])].replace(
@@ -160,6 +177,21 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     assert view["truth"] == TRUTH
     assert (clever["record"], clever["limits"]) == ({"steps": 7, "write_seconds": 0.1}, ["flat"])
     assert view["results"][0]["water"] is None
+
+
+def test_plots_have_the_numbers_of_the_rows(page: Page):
+    figures = page.figures
+    titles = [
+        [f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")]
+        for f in figures
+    ]
+    cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
+    assert [(t["name"], t["x"], t["y"]) for t in cost] == [
+        (name, [1.0], [np.mean(values[:2])]) for name, values in PSNR.items()
+    ]
+    errors = figures[titles.index(["distance of the chart, m", "de00 ↓ dE00"])]["data"]
+    assert [t["x"] for t in errors] == [[2, 4, 8], [2, 4, 8], [2, 4]]
+    assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
 
 
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(
