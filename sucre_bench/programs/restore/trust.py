@@ -110,7 +110,10 @@ def assess(
 
 
 def ruined(restored: Sequence[Restored]) -> dict[str, str]:
-    """Return why restored images of a dive are of no use, by name, before places without depth are filled."""
+    """Return why restored images of a dive are of no use, by name, before places without depth are filled.
+
+    One that shows the photograph's colours is not among them: balanced colours are no better.
+    """
 
     def seen(one: Restored) -> Look:
         image, mask = read_rgb(one.image), read_mask(one.image)
@@ -120,13 +123,14 @@ def ruined(restored: Sequence[Restored]) -> dict[str, str]:
         name: "; ".join(_words(fault) for fault in found if _is_ruining(fault))
         for name, found in _faults(restored, seen).items()
     }
-    return {name: why for name, why in whys.items() if why}
+    photographs = {one.name for one in restored if one.record.get("solver") == "none"}
+    return {name: why for name, why in whys.items() if why and name not in photographs}
 
 
 def _faults(
     restored: Sequence[Restored], seen: Callable[[Restored], Look]
 ) -> dict[str, tuple[VisibleFault, ...]]:
-    """Return the faults of the pictures of a dive, by name."""
+    """Return the faults of the pictures of a dive, by name; those of one method are compared with each other."""
 
     def look(one: Restored) -> Look:
         try:
@@ -137,8 +141,16 @@ def _faults(
     together = [one for one in restored if one.is_of_dive]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         looks = list(track(pool.map(look, together), "looking at pictures", len(together)))
-    names = [one.name for one in together]
-    return dict(zip(names, faults_of_dive(looks), strict=True))
+    faults = dict[str, tuple[VisibleFault, ...]]()
+    for method in {one.method for one in together}:
+        of_method = {
+            one.name: its_look
+            for one, its_look in zip(together, looks, strict=True)
+            if one.method == method
+        }
+        found = faults_of_dive(list(of_method.values()))
+        faults.update(zip(of_method, found, strict=True))
+    return faults
 
 
 def _look(one: Restored, picture: Array) -> Look:

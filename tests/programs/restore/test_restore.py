@@ -147,8 +147,11 @@ class Unsure:
 class Green:
     \"\"\"Make one view green.\"\"\"
 
+    solver: str = "exact"
+
     def restore(self, scene: Scene, view: View) -> Restoration:
-        return Restoration(view.rgb * ((0.2, 1, 0.2) if view.name == "b.png" else 1))
+        image = view.rgb * ((0.2, 1, 0.2) if view.name == "b.png" else 1)
+        return Restoration(image, info={"solver": self.solver})
 """
 
 
@@ -190,6 +193,10 @@ def test_a_ruined_picture_of_a_dive_gives_way_to_balanced_colours(
     assert "b.png" in why
     assert "cast" in why
     assert "do not use" not in why
+    # what shows the photograph's colours is balanced already
+    kept = bench("restore", "dive", "kept", *words, "green.solver=none")
+    assert "no good picture" not in kept.stdout
+    assert "do not use  b.png" in kept.stdout
 
 
 def test_out_of_other_photographs_is_refused_and_other_options_write_again(
