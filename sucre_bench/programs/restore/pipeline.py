@@ -16,7 +16,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.engine.hydra_run import run_words
 from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned, opening_once, select
 from sucre_bench.engine.run import Watch
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
 from sucre_bench.jobs.words import quoted, value_of
@@ -79,6 +79,11 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tu
         if not dot or owner not in ("dataset", "method", method):
             remedy = f"give options of the dataset or the method, for example {method}.fill=false, or workers=4"
             raise InputError("is no option of the dataset or the method", word, remedy)
+        place = word.partition("=")[0]
+        name = place.partition(".")[2]
+        known = option_names("method", method)
+        if owner != "dataset" and known and name not in known:
+            raise unknown_name(place, name, known)
     return options, where
 
 
@@ -158,33 +163,39 @@ def restore(
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
     note = noted(source, out, options)
+    of_dataset = [word for word in options.words if word.startswith("dataset.")]
+    of_method = [word for word in options.words if word not in of_dataset]
+    named = {word.partition("=")[0].partition(".")[2] for word in of_method}
+    if named and "label" not in named:  # other options are other restorations
+        parts = [options.method, *(f"{name}={{{name}}}" for name in sorted(named))]
+        of_method.append(f"method.label={quoted(','.join(parts))}")
     dive = alone = _Run([], {}, False)
     balanced = list[Restored]()
     with opening_once():
         if source.is_dive:
-            dataset = [word for word in options.words if word.startswith("dataset.")]
-            source = replace(source, dataset=(*source.dataset, *dataset))
+            source = replace(source, dataset=(*source.dataset, *of_dataset))
             display = method_choice(options.method, {}).display
             known = option_names("method", options.method)
             values = {name: value for name, value in FOR_A_DIVE.items() if name in known}
             if display != "none" and not is_of_scene(display):
                 values["display"] = f"{display}@scene"  # over all views
-            given = [word for word in options.words if word not in dataset]
-            named = {word.partition("=")[0].partition(".")[2] for word in given}
             words = [
                 f"method={options.method}",
                 *(f"method.{k}={v}" for k, v in values.items() if k not in named),
             ]
-            dive = _run(source, [*words, *given], options.where, out, before)
+            dive = _run(source, [*words, *of_method], options.where, out, before)
             if options.method != options.single_view:
                 dive, balanced = _replaced(dive, source, options, out)
         done = {one.name for one in [*dive.restored, *balanced]}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
-            encoding = [word for word in options.words if word.startswith("dataset.encoding=")]
-            rest = replace(rest, dataset=(*rest.dataset, *encoding))
+            if source.is_dive:
+                of_dataset = [word for word in of_dataset if word.startswith("dataset.encoding=")]
+            rest = replace(rest, dataset=(*rest.dataset, *of_dataset))
             words = [f"method={options.single_view}", f"views={value_of(left)}"]
+            if options.single_view == options.method:
+                words += of_method
             alone = _run(rest, words, options.where, out, before)
     with progress.live():
         restored = [*dive.restored, *balanced, *alone.restored]

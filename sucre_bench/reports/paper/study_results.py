@@ -62,7 +62,7 @@ class StudyResults:
     @cached_property
     def comparisons(self) -> list[Comparison]:
         """A table for each dataset: methods by the study's metrics."""
-        if not self.made:
+        if not self.made or any(table.baseline for table in self.made):
             return self._compare("method")
         scored = set(self.rows.loc[asked_for(self.rows, self.study.metrics), "dataset"])
         return [only(table, self.study.metrics) for table in self.made if table.title in scored]

@@ -194,7 +194,7 @@ def test_a_ruined_picture_of_a_dive_gives_way_to_balanced_colours(
     assert "cast" in why
     assert "do not use" not in why
     # what shows the photograph's colours is balanced already
-    kept = bench("restore", "dive", "kept", *words, "green.solver=none")
+    kept = bench("restore", "dive", "out", *words, "green.solver=none")
     assert "no good picture" not in kept.stdout
     assert "do not use  b.png" in kept.stdout
 
@@ -208,21 +208,24 @@ def test_out_of_other_photographs_is_refused_and_other_options_write_again(
     first = contents(tmp_path / "out/pictures")
     assert bench("restore", "more", "out", "--method", "gray_world").returncode == 2
     assert contents(tmp_path / "out/pictures") == first
-    assert (
-        bench("restore", "photos", "out", "--method", "gray_world", "--quality", "40").returncode
-        == 0
-    )
+    words = ("restore", "photos", "out", "--method", "gray_world")
+    assert bench(*words, "--quality", "40").returncode == 0
     assert len(contents(tmp_path / "out/pictures")["a.jpg"]) < len(first["a.jpg"])
+    assert bench(*words, "method.display=white-50").returncode == 0
+    shown = cv2.imread(str(tmp_path / "out/pictures/a.jpg"))
+    assert (shown > 250).mean() > 0.3, "an option of the method counts for single photographs"
 
 
-@pytest.mark.parametrize("word", ["out=here", "first=1", "sucre.fill=true"])
+@pytest.mark.parametrize(
+    "word", ["out=here", "first=1", "sucre.fill=true", "method.fil=true", "gray_world.fil=true"]
+)
 def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(
     tmp_path: Path, bench: Bench, word: str
 ) -> None:
     write_image(tmp_path / "photos/a.jpg", seabed(0))
     done = bench("restore", "photos", "out", "--method", "gray_world", word)
     assert done.returncode == 2
-    assert word in done.errors[0]
+    assert word.removesuffix("=true") in done.errors[0]
     assert not (tmp_path / "out").exists()
 
 
