@@ -103,14 +103,14 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
     Returns the value; of an iterator what it yields, unless that may be anything. `array_of` looks at arrays.
     """
     try:
-        is_taken = _fits(value, hint)
+        is_taken = fits(value, hint)
         if (
             is_taken
             and isinstance(value, Iterator)
             and not any(isinstance(one, TypeVar) for one in get_args(hint))
         ):
             value = tuple(value)
-            is_taken = _fits(value, hint)
+            is_taken = fits(value, hint)
     except Exception as fault:  # of a collection of the user's
         raise InputError(f"raises {one_line(fault)}", place, f"pass {_wording(hint)}") from fault
     if not is_taken:
@@ -120,22 +120,23 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
     return value
 
 
-def _fits(value: object, hint: Any) -> bool:
+def fits(value: object, hint: Any) -> bool:
+    """Whether a value is of a type. True and False are no numbers, a whole number is a number; text is no list."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        return any(_fits(value, one) for one in inner)
+        return any(fits(value, one) for one in inner)
     if origin is Literal:
         return isinstance(value, str) and value in inner
     if isinstance(origin, type) and issubclass(origin, Mapping):
         if not isinstance(value, Mapping):
             return False
         return inner[1] is Any or all(
-            _fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items()
+            fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
         )
     if origin is tuple:
         kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
         return (
-            isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+            isinstance(value, tuple) and len(value) == len(kinds) and all(map(fits, value, kinds))
         )
     if isinstance(origin, type) and issubclass(origin, Iterable) and origin.__module__ != "numpy":
         kind: Any = Set if origin is frozenset else origin
@@ -144,7 +145,7 @@ def _fits(value: object, hint: Any) -> bool:
             return False
         if ndim != 1 and not (ndim and is_any):
             return False
-        return is_any or isinstance(value, Iterator) or all(_fits(one, inner[0]) for one in value)
+        return is_any or isinstance(value, Iterator) or all(fits(one, inner[0]) for one in value)
     if hint in (int, float):
         is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(
             value, bool

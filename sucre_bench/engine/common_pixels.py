@@ -58,8 +58,6 @@ from sucre_bench.results.rows import (
 from sucre_bench.results.table import is_bundle, is_fresh, read_common
 from sucre_bench.scene import Restoration, View
 
-_Score = tuple[str, str, str, str]  # method, metric, variant, code
-
 
 @dataclass(frozen=True)
 class Source:
@@ -93,31 +91,19 @@ class Source:
 
 
 @dataclass(frozen=True)
-class _Metrics:
-    """The metrics that score pixels, by name and version. log: keeps tracebacks; limit_s: of one score."""
+class _Restored:
+    """What one method made of a view."""
 
-    by_code: Mapping[tuple[str, str], Scorer]
-    log: Path | None = None
-    limit_s: float | None = None
+    whole: Row
+    """The row of the restoration."""
 
-    @classmethod
-    def of(
-        cls, metrics: Iterable[Choice], log: Path | None = None, limit_s: float | None = None
-    ) -> _Metrics:
-        """Make those of some metrics that score pixels; the last one if several have one name."""
-        by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
-        return cls(
-            {(made.plugin.name, made.code): made for made in scorers(by_name.values())},
-            log,
-            limit_s,
-        )
+    source: Source
 
-    def scorer(self, row: Row) -> Scorer | None:
-        """The metric that made a score; None if the run asks for another version of it, or for other options."""
-        return self.by_code.get((row.metric, RowCode.read(row.code).metric))
+    scores: list[tuple[Row, Scorer]] = field(default_factory=list)
+    """Its scores on own pixels, each with the metric that makes it again."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class CommonView:
     """A view that several methods restored, one of them with holes."""
 
@@ -125,58 +111,52 @@ class CommonView:
     """A row with its dataset, scene and view."""
 
     view: View
-    metrics: _Metrics
 
-    whole: dict[str, Row] = field(default_factory=dict)
-    """The rows of the restorations, by method."""
+    by_method: dict[str, _Restored] = field(default_factory=dict)
 
-    sources: dict[str, Source] = field(default_factory=dict)
-    """What reads the restorations, by method."""
+    def is_due(self, stored: Sequence[Row]) -> bool:
+        """Whether methods may fill different pixels, and something has changed since the view was scored.
 
-    own_rows: list[Row] = field(default_factory=list)
-    """The scores on own pixels."""
-
-    before: Row | None = None
-    """The stored row of its common pixels."""
-
-    scores: dict[_Score, Row] = field(default_factory=dict)
-    """The stored scores on common pixels by the score on own pixels, without those of other restorations than in
-    `whole`."""
-
-    @property
-    def is_due(self) -> bool:
-        """Whether methods may fill different pixels, and something has changed since the view's row was written, or a
-        score is missing.
+        stored: what the table has about its common pixels.
         """
-        if len(self.whole) < 2 or all(whole.coverage == 1 for whole in self.whole.values()):
+        wholes = [restored.whole for restored in self.by_method.values()]
+        if len(wholes) < 2 or all(whole.coverage == 1 for whole in wholes):
             return False
-        row = self.before
-        if row is None or row.status == "failed" or methods_of(row.options) != self.whole.keys():
+        row = next((row for row in stored if row.metric == COMMON_PIXELS), None)
+        if row is None or row.status == "failed":
             return True
-        is_older = any(whole.time > row.time for whole in self.whole.values())
-        has_scores = kind_of(row.status, row.code) == "common"
-        return is_older or (
-            has_scores and any(_score(own) not in self.scores for own in self.own_rows)
-        )
+        is_older = any(whole.time > row.time for whole in wholes)
+        if is_older or methods_of(row.options) != self.by_method.keys():
+            return True
+        wanted = {
+            _identity(_on_common(score, row.code))
+            for restored in self.by_method.values()
+            for score, _ in restored.scores
+        }
+        known = {_identity(score) for score in stored if score.status != "failed"}
+        return kind_of(row.status, row.code) == "common" and not wanted <= known
 
-    def rows(self) -> list[Row]:
-        """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""
+    def rows(self, log: Path | None = None, limit_s: float | None = None) -> list[Row]:
+        """Score the view on its common pixels; the first row stands for the view. A fault becomes that row.
+
+        log: keeps tracebacks; limit_s: of one score.
+        """
         base = replace(
-            self.base, method="", options=json.dumps({"methods": sorted(self.whole)}), options_id="",
+            self.base, method="", options=json.dumps({"methods": sorted(self.by_method)}), options_id="",
             metric=COMMON_PIXELS, variant=COMMON, unit="share", better="none", code="", value=math.nan, time=now(),
         )  # fmt: skip
         try:
-            return self._scored(base)
+            return self._scored(base, log, limit_s)
         except BaseException as fault:
             raise_if_stop(fault)
             if not isinstance(fault, InputError):
-                keep_traceback(
-                    self.metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels"
-                )
+                where = f"{base.dataset} / {base.scene} / {base.view} / common pixels"
+                keep_traceback(log, where)
             return [replace(base, status="failed", reason=one_line(fault))]
 
-    def _scored(self, base: Row) -> list[Row]:
-        common = common_pixels({name: source.mask() for name, source in self.sources.items()})
+    def _scored(self, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
+        masks = {method: restored.source.mask() for method, restored in self.by_method.items()}
+        common = common_pixels(masks)
         base = replace(
             base,
             value=common.share,
@@ -189,25 +169,16 @@ class CommonView:
         rows = [base]
         if common.kind != "common":
             return rows
-        known = self.scores if self.before is not None and self.before.code == common.id else {}
-        for method, source in self.sources.items():
-            # also by metrics not asked for now
-            rows += [row for key, row in known.items() if key[0] == method]
-            todo = [
-                row for row in self.own_rows if row.method == method and _score(row) not in known
-            ]
-            if todo:
-                shown = locked(source.shown(common.mask))
-                scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
-                limits = self.metrics.log, self.metrics.limit_s
-                for own, scorer in ((own, self.metrics.scorer(own)) for own in todo):
-                    if scorer:  # makes the score on own pixels again, on these
-                        made = variant_rows(
-                            scorer.metric, scored, replace(own, time=started), *limits
-                        )
-                        rows += [
-                            _on_common(row, common.id) for row in made if row.region == "image"
-                        ]
+        for restored in self.by_method.values():
+            if not restored.scores:
+                continue
+            source = restored.source
+            shown = locked(source.shown(common.mask))
+            scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
+            for own, scorer in restored.scores:
+                own = replace(own, time=started)
+                made = variant_rows(scorer.metric, scored, own, log, limit_s)
+                rows += [_on_common(row, common.id) for row in made if row.region == "image"]
         return rows
 
 
@@ -215,7 +186,7 @@ def _key(row: Row) -> ViewKey:
     return row.dataset, row.scene, row.view
 
 
-def _score(row: Row) -> _Score:
+def _identity(row: Row) -> tuple[str, str, str, str]:
     return row.method, row.metric, row.variant, row.code
 
 
@@ -225,46 +196,30 @@ def _on_common(row: Row, mask: str) -> Row:
     return replace(row, variant=f"{row.variant}{COMMON}", code=str(code))
 
 
-def _on_own(row: Row) -> _Score:
-    """The score on own pixels that a stored score on common pixels goes with."""
-    code = replace(RowCode.read(row.code, on_common=True), mask="")
-    return row.method, row.metric, row.variant.removesuffix(COMMON), str(code)
-
-
 def _common_views(
     views: Mapping[ViewKey, tuple[Row, View]],
     rows: DataFrame,
-    metrics: _Metrics,
+    metrics: Iterable[Choice],
     source: Callable[[Row], Source | None],
-    before: DataFrame | None = None,
 ) -> dict[ViewKey, CommonView]:
     """The views with their restorations and their scores.
 
-    views: a row of each view, and the view; rows: of the score table; source: what reads a restoration, None for one
-    that takes no part; before: the stored scores on common pixels.
+    views: a row of each view, and the view; rows: of the score table; metrics: those asked for, of one name the last
+    counts; source: what reads a restoration, None for one that takes no part.
     """
-    made = {key: CommonView(base, view, metrics) for key, (base, view) in views.items()}
+    made = {key: CommonView(base, view) for key, (base, view) in views.items()}
     for row in row_objects(filled_restorations(rows)):
         if _key(row) in made and (reads := source(row)) is not None:
-            made[_key(row)].whole[row.method], made[_key(row)].sources[row.method] = row, reads
-    names = {name for name, _ in metrics.by_code}
-    scores = rows[
-        (rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)
-    ]
-    for row in row_objects(scores):
-        if (view := made.get(_key(row))) and row.method in view.whole and metrics.scorer(row):
-            view.own_rows.append(row)
-    for stored in row_objects(before) if before is not None else ():
-        if not (view := made.get(_key(stored))):
-            continue
-        if stored.metric == COMMON_PIXELS:
-            view.before = stored
-        elif (
-            (whole := view.whole.get(stored.method))
-            and stored.time >= whole.time
-            and stored.status != "failed"
-        ):
-            view.scores[_on_own(stored)] = stored
+            made[_key(row)].by_method[row.method] = _Restored(row, reads)
+    by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
+    versions = {(made.plugin.name, made.code): made for made in scorers(by_name.values())}
+    is_score = (rows["status"] == "ok") & (rows["region"] == "image")
+    for row in row_objects(rows[is_score & rows["metric"].isin(by_name)]):
+        # None: the run asks for another version of the metric, or for other options
+        scorer = versions.get((row.metric, RowCode.read(row.code).metric))
+        view = made.get(_key(row))
+        if scorer and view and row.method in view.by_method:
+            view.by_method[row.method].scores.append((row, scorer))
     return made
 
 
@@ -284,7 +239,7 @@ def score_in_memory(
         _key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing
     }
     made = _common_views(
-        chosen, rows, _Metrics.of(metric_choices(metrics)), lambda row: held[row.view, row.method]
+        chosen, rows, metric_choices(metrics), lambda row: held[row.view, row.method]
     )
     return results.frame(row for view in made.values() for row in view.rows())
 
@@ -293,7 +248,7 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     """Bring the scores on common pixels up to date for the views of a run's jobs.
 
     All methods of the folder that restored a view take part, also those of earlier runs. A method that failed or fills
-    less than 1 % of the image does not. Scores in the table stay, unless the common mask has changed.
+    less than 1 % of the image does not. A view of which nothing has changed keeps its scores.
 
     out: the results folder. Raises OutputError if the rows cannot be written. A fault in a view becomes its row.
     """
@@ -303,22 +258,22 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     chosen = {key: (task.base, task.view) for key, task in every.items() if key in differing}
     if not chosen:
         return
-    limit_s = planned[0].job.view_timeout_s
-    metrics = _Metrics.of(
-        (metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s
-    )
+    metrics = [metric for plan in planned for metric in plan.job.metrics]
 
     def source(row: Row) -> Source | None:
         task = every[_key(row)]
         return Source.stored(out, task.place, row) if row.data_id == task.base.data_id else None
 
-    views = _common_views(chosen, rows, metrics, source, read_common(out))
+    stored: dict[ViewKey, list[Row]] = {}
+    for row in row_objects(read_common(out)):
+        stored.setdefault(_key(row), []).append(row)
+    views = _common_views(chosen, rows, metrics, source)
+    due = [view for key, view in views.items() if view.is_due(stored.get(key, ()))]
+    limit_s = planned[0].job.view_timeout_s
     part = results.Part(out, "common-pixels")
     try:
-        for view in progress.track(
-            [view for view in views.values() if view.is_due], "common pixels"
-        ):
-            part.add(view.rows())
+        for view in progress.track(due, "common pixels"):
+            part.add(view.rows(log_path(out), limit_s))
     finally:
         part.flush()
 
@@ -363,11 +318,10 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
         task, folder = opened[_key(row)], folder_of[(*_key(row), row.method, row.time)]
         return Source.stored(folder, task.place, row) if row.data_id == task.base.data_id else None
 
-    metrics = _Metrics.of(metric for job in jobs for metric in job.metrics)
-    views = _common_views(
-        {key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source
-    )
-    complete = [view for key, view in views.items() if len(view.whole) == len(of_view[key])]
+    metrics = [metric for job in jobs for metric in job.metrics]
+    chosen = {key: (task.base, task.view) for key, task in opened.items()}
+    views = _common_views(chosen, rows, metrics, source)
+    complete = [view for key, view in views.items() if len(view.by_method) == len(of_view[key])]
     return results.frame(
         row for view in progress.track(complete, "common pixels") for row in view.rows()
     )

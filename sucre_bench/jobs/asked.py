@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sucre_bench import plugins
+from sucre_bench.arguments import fits
 from sucre_bench.errors import InputError, SucreBenchError, in_one_line
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.catalogue import GROUPS, plugin_of
@@ -24,7 +25,6 @@ from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 from sucre_bench.jobs.words import QUOTED, Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
 from sucre_bench.plugins.options import options_of
-from sucre_bench.plugins.plugin import fits
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -207,7 +207,7 @@ def _refuse(asked: Asked) -> None:
             names = ",".join(map(str, word.values)) if word.is_glob else value
             raise InputError("several values", word.text, f"write {key}=[{names}]")
         if key == "metrics" and not all(
-            fits(list[str], v if isinstance(v, list) else [v]) for v in word.values
+            fits(v if isinstance(v, list) else [v], list[str]) for v in word.values
         ):
             raise InputError("is no list of names", word.text, "write metrics=[psnr,uciqe:all]")
         if word.is_swept and not is_sweep:

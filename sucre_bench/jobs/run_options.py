@@ -12,7 +12,6 @@ from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.plugins.options import check_ranges, checked_options, default_values, options_of
-from sucre_bench.plugins.plugin import fits
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
@@ -76,17 +75,11 @@ class Study:
     def of(cls, values: Mapping[str, Any]) -> Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
         given = {name: value for name, value in values.items() if value is not None}
-        lists: dict[str, Any] = {}
-        for name in {"metrics", "figures"} & given.keys():
-            words = [given[name]] if isinstance(given[name], str) else given[name]
-            if not fits(Sequence[str], words):
-                raise InputError(
-                    f"{words!r} is not a list of words",
-                    f"study.{name}",
-                    f"write study.{name}=[a,b]",
-                )
-            lists[name] = tuple(dict.fromkeys(words))
-        study = cls(**checked_options(cls, {**given, **lists}, "study"))
+        lists = {"metrics", "figures"} & given.keys()
+        given |= {name: [given[name]] for name in lists if isinstance(given[name], str)}
+        checked = checked_options(cls, given, "study")
+        checked |= {name: tuple(dict.fromkeys(checked[name])) for name in lists}
+        study = cls(**checked)
         if not study.name or file_name(study.name) != study.name:
             raise InputError(
                 f"'{study.name}' is no name for files", "study.name", "give study.name=WORD"
@@ -212,13 +205,13 @@ class RunConfig:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:
         """Read a configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
-        options = checked_options(cls, values)
+        made = dict(values)
         for name, group in OPTION_GROUPS.items():
-            if name in options:
-                check_group(name, options[name], group)
-                options[name] = group(**checked_options(group, options[name], name))
-        study = options.get("study")
+            if name in made:
+                check_group(name, made[name], group)
+                made[name] = group(**checked_options(group, made[name], name))
+        study = made.get("study")
         if study is not None:
             check_group("study", study, Study)
-            options["study"] = None if study == default_values(Study) else Study.of(study)
-        return cls(**options)
+            made["study"] = None if study == default_values(Study) else Study.of(study)
+        return cls(**checked_options(cls, made))

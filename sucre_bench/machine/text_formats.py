@@ -16,7 +16,7 @@ from sucre_bench.errors import in_words
 
 
 def read_yaml(text: str) -> Any:
-    """Return the value of a YAML text; dates stay text.
+    """Return the value of a YAML text as OmegaConf reads it: dates stay text.
 
     Raises yaml.YAMLError, and MarkedYAMLError where a line can be named. Also for an alias (with merge keys, 400 bytes
     of them stand for gigabytes), and for a key that stands twice.
@@ -38,8 +38,9 @@ def read_yaml(text: str) -> Any:
 @functools.cache
 def _loader() -> type[Any]:
     import yaml
+    from omegaconf._utils import get_yaml_loader
 
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+    class Loader(get_yaml_loader()):  # type: ignore[misc]
         def compose_node(self, parent: Any, index: Any) -> Any:
             event = self.peek_event()
             if isinstance(event, yaml.AliasEvent):
@@ -48,21 +49,6 @@ def _loader() -> type[Any]:
                 )
             return super().compose_node(parent, index)
 
-    def mapping(loader: Any, node: Any) -> dict[Any, Any]:
-        keys = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(problem="a key is no word", problem_mark=key.start_mark)
-            if key.value in keys:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key '{key.value}' stands twice", problem_mark=node.start_mark
-                )
-            keys.add(key.value)
-        loader.flatten_mapping(node)
-        return dict(loader.construct_pairs(node, deep=True))
-
-    Loader.add_constructor("tag:yaml.org,2002:map", mapping)
-    Loader.add_constructor("tag:yaml.org,2002:timestamp", yaml.SafeLoader.construct_yaml_str)
     return Loader
 
 

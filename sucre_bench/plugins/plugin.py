@@ -3,11 +3,10 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, is_dataclass
-from pathlib import Path
-from types import MappingProxyType, UnionType
-from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin
+from types import MappingProxyType
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array
@@ -195,29 +194,6 @@ def plugin_of(made: object) -> Plugin:
             "is no plugin", type(made).__name__, f"pass a name, or an object of {kinds}"
         )
     return plugin
-
-
-def fits(annotation: Any, value: Any) -> bool:
-    """Whether a value has the type of an option; any word fits a Literal, and anything fits a type that is no option's.
-
-    True and False are no numbers, and a whole number is a number.
-    """
-    origin, args = get_origin(annotation), get_args(annotation)
-    if origin in (Union, UnionType):
-        return any(fits(one, value) for one in args)
-    if origin in (tuple, list) or origin is Sequence:
-        return isinstance(value, (list, tuple)) and all(fits(args[0], one) for one in value)
-    if annotation is float or annotation is int:
-        return isinstance(value, (int, float) if annotation is float else int) and not isinstance(
-            value, bool
-        )
-    if annotation in (str, Path) or origin is Literal:
-        return isinstance(value, (str, Path))
-    return (
-        not isinstance(annotation, type)
-        or annotation not in (bool, type(None))
-        or isinstance(value, annotation)
-    )
 
 
 @dataclass(frozen=True)

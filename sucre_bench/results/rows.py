@@ -92,11 +92,9 @@ class RowCode:
     """Hash of the common pixels that were scored."""
 
     @classmethod
-    def read(cls, text: str, on_common: bool = False) -> RowCode:
-        """Return what a row says. on_common: whether it is of a score on common pixels, whose hash comes last."""
-        rest, _, mask = text.rpartition(".") if on_common else (text, "", "")
-        restoration, metric, seen = [*rest.split(".", 2), "", ""][:3]
-        return cls(restoration, metric, seen, mask)
+    def read(cls, text: str) -> RowCode:
+        """Return what a row of a score on own pixels says."""
+        return cls(*text.split(".", 2))
 
     def __str__(self) -> str:
         return ".".join(filter(None, (self.restoration, self.metric, self.seen, self.mask)))

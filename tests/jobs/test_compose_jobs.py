@@ -72,7 +72,7 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("study=3", {"study", "name", "metrics"}),
         ("metrics.psnr=3", {"metrics.psnr", "group"}),
         ("metrics.psnr.variants=3", {"metrics.psnr.variants", "list"}),
-        ("views={a: 1}", {"views", "word", "list", "none"}),
+        ("views={a: 1}", {"views", "text", "list", "None"}),
         ("tracking=null", {"tracking=null", "local", "off", "server"}),
     ],
 )

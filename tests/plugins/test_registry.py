@@ -256,7 +256,7 @@ def test_create_refuses_what_the_fields_do_not_say():
         create(plugin, {"rat": 1})
     with pytest.raises(InputError, match=r"'sof' .*'soft'"):
         create(plugin, {"kind": "sof"})
-    with pytest.raises(InputError, match=r"rate: 'fast' "):
+    with pytest.raises(InputError, match=r"rate: is 'fast'"):
         create(plugin, {"rate": "fast"})
     assert create(plugin, {"rate": 2}) == Documented(rate=2)
 

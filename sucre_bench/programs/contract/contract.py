@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from sucre_bench import plugins
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked, fits
 from sucre_bench.errors import (
     ANY_FAULT,
     InputError,
@@ -32,7 +32,7 @@ from sucre_bench.errors import (
 from sucre_bench.machine.processes import python
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
-from sucre_bench.plugins.plugin import KINDS, Kind, Plugin, fits
+from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
 _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
@@ -315,7 +315,7 @@ def is_described(subject: Subject) -> Iterator[str]:
     for option in options_of(plugin.cls):
         if not option.help:
             yield f"option '{option.name}' is not explained; write a string below the field"
-        if option.default is not MISSING and not fits(option.type, option.default):
+        if option.default is not MISSING and not fits(option.default, option.type):
             yield f"{option.name} is {option.default!r}, not {option.type}; correct the default, or the type"
     for variant, said in plugin.variants.items():
         if not said:
