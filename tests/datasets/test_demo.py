@@ -1,7 +1,5 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
-import itertools
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,21 +12,10 @@ from sucre_bench.datasets.demo import Demo, Preset, water_of
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
 from sucre_bench.datasets.demo.render import (
     LAMP,
-    RayCaster,
     apply,
-    build,
     lamp_light,
     make_camera,
-    render,
     underwater,
-)
-from sucre_bench.datasets.demo.seabed import (
-    SITES,
-    Grid,
-    Noise,
-    Terrain,
-    make_terrain,
-    place_board,
 )
 from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.scene import Scene, View
@@ -93,12 +80,6 @@ def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(
     }
 
 
-def test_options_have_folders_of_their_own(tmp_path: Path) -> None:
-    options = itertools.product(get_args(Preset), (0.0, 0.004))
-    names = {Demo(water=water, noise=noise, root=tmp_path).data_id for water, noise in options}
-    assert len(names) == 8
-
-
 def test_a_half_written_folder_is_made_anew(tmp_path: Path) -> None:
     demo = Demo(**BRIEF, root=tmp_path)
     whole = demo.folder()
@@ -153,37 +134,6 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
     assert np.median(colours) < 5
 
 
-def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
-    """Against every triangle for every ray (Moeller and Trumbore 1997), in float64."""
-    rng = np.random.default_rng(0)
-    grid = Grid(-1.0, 2.0, 1.5, 1.0, 0.05)
-    terrain = Terrain(
-        grid,
-        rng.normal(0, 0.06, grid.shape).astype(np.float32),
-        *np.zeros((2, *grid.shape), np.float32),
-    )
-    board = place_board(replace(SITES[0], x=-0.3, y=2.5), terrain, 0.05)
-    x, y = grid.axes()
-    points = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).astype(np.float64)
-    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, :-1], points[1:, 1:]
-    corners = [np.stack(three, axis=-2).reshape(-1, 3, 3) for three in ((a, b, d), (a, d, c))]
-    p, q, r = np.moveaxis(np.concatenate([*corners, board.outline[[[0, 2, 1], [0, 3, 2]]]]), 1, 0)
-    centre, rays = np.array([-0.4, 1.2, 0.9]), rng.uniform((-1, 0, -1), (1, 2, 0.3), (400, 3))
-    expected = np.zeros(len(rays))
-    for i, ray in enumerate(rays):
-        across = np.cross(ray, r - p)
-        scale = 1 / ((q - p) * across).sum(axis=1)
-        u = ((centre - p) * across).sum(axis=1) * scale
-        side = np.cross(centre - p, q - p)
-        v, t = side @ ray * scale, (side * (r - p)).sum(axis=1) * scale
-        expected[i] = min(t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)], default=0)
-    hits = RayCaster(terrain, (board,)).cast(centre, rays)
-    np.testing.assert_allclose(hits.depth, expected, rtol=5e-6)  # float32
-    assert (hits.cell >= 0).sum() > 20
-    assert (hits.board == 0).sum() > 5
-    assert ((hits.board < 0) & (hits.cell < 0)).sum() > 5
-
-
 # -- water ---------------------------------------------------------------------------------------------------
 
 
@@ -216,19 +166,10 @@ def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset
     assert water.attenuation[0] > water.attenuation[2]  # red first
 
 
-def test_open_water_has_no_depth_and_shows_the_veil() -> None:
-    camera, up = make_camera(32, 24), np.eye(4)
-    up[2, 3] = -9.0  # at a height of nine metres, looking straight up
-    terrain = make_terrain(0, Noise(0), [(0.0, 0.0)])
-    board = place_board(SITES[0], terrain, 0.05)
-    surfaces = build(terrain, board.texture, board.texture, [board])
-    J, depth = render(surfaces, camera, up)
-    assert not depth.any()
-    assert not J.any()
-    shown = underwater(J, pixel_rays(camera), depth, "coastal")
-    np.testing.assert_allclose(
-        shown, np.broadcast_to(water_of("coastal").veiling_light, shown.shape)
-    )
+def test_open_water_shows_the_veil() -> None:
+    nothing = np.zeros((24, 32, 3))
+    shown = underwater(nothing, pixel_rays(make_camera(32, 24)), nothing[..., 0], "coastal")
+    np.testing.assert_allclose(shown - water_of("coastal").veiling_light, 0, atol=1e-9)
 
 
 def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(

@@ -235,33 +235,6 @@ def test_the_readmes_commands_run_as_they_stand(
     assert (tmp_path / "results" / "report" / "index.html").is_file()
 
 
-def test_the_readmes_table_has_the_demos_methods_and_its_bold_means_are_the_best():
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    start = next(
-        n for n, line in enumerate(lines) if line.startswith("| method |") and "PSNR" in line
-    )
-    table = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in lines[start:]
-        if line.startswith("| ")
-    ][:9]
-    (_, *heads), _, (_, *_), *competitors = table
-    rows = {row[0].split("`")[1]: row[1:] for row in table[2:]}
-    assert set(rows) == {
-        job.method.label for job in config.jobs(["experiment=demo"], multirun=True).jobs
-    }
-    for column, head in enumerate(heads):
-        numbers = {
-            name: [float(n) for n in re.findall(r"\d+(?:\.\d+)?", row[column])]
-            for name, row in rows.items()
-        }
-        assert all(low <= mean <= high for mean, low, high in numbers.values())
-        best = (max if "↑" in head else min)(
-            numbers, key=lambda name, numbers=numbers: numbers[name][0]
-        )
-        assert [row[0].split("`")[1] for row in competitors if "**" in row[column + 1]] == [best]
-
-
 BUNDLES = sorted((ROOT / "docs" / "board" / "bundles").glob("*.zip"))
 # of README's table
 COLUMNS = [
@@ -280,22 +253,23 @@ def test_a_bundle_is_whole_and_small(bench, bundle):
     assert bundle.stat().st_size < 300_000
 
 
-def test_the_readmes_table_has_the_numbers_of_the_demos_bundle(bench):
-    records = json.loads(
-        bench("compare", str(ROOT / "docs/board/bundles/demo.zip"), "--json").stdout
-    )
-    public = {
-        (r["method"], r["metric"], r["variant"]): (r["mean"], r["low"], r["high"]) for r in records
-    }
+def test_the_readmes_table_has_the_numbers_of_the_demos_bundle_and_the_best_are_bold(bench):
+    bundle = str(ROOT / "docs/board/bundles/demo.zip")
+    records = json.loads(bench("compare", bundle, "--json").stdout)
+    public = {(r["method"], r["metric"], r["variant"]): r for r in records}
     text = (ROOT / "README.md").read_text(encoding="utf-8").split("| method | colours")[1]
-    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| `")][:7]
-    for name, *cells in rows:
-        for column, cell in zip(COLUMNS, cells, strict=True):
-            shown = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
-            assert shown == pytest.approx(public[name.split("`")[1], *column], rel=0.02, abs=0.3), (
-                name,
-                column,
-            )
+    lines = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| `")]
+    table = {name.split("`")[1]: cells for name, *cells in lines[:7]}
+    assert set(table) == {r["method"] for r in records}
+    for n, column in enumerate(COLUMNS):
+        of_column = {name: public[name, *column] for name in table}
+        for name, cells in table.items():
+            shown = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cells[n])]
+            expected = [of_column[name][key] for key in ("mean", "low", "high")]
+            assert shown == pytest.approx(expected, rel=0.02, abs=0.3), (name, column)
+        assert [name for name in table if "**" in table[name][n]] == [
+            name for name in table if of_column[name]["place"] == 1
+        ]
 
 
 def documented_keys(command: str) -> set[str]:

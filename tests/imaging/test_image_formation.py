@@ -12,7 +12,6 @@ import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import (
-    TwoTerm,
     brightest,
     highest,
     nearest_depth,
@@ -22,7 +21,6 @@ from sucre_bench.imaging.image_formation import (
     trusted,
     undetermined,
 )
-from sucre_bench.methods.gaussian_seathru import GaussianSeathru
 
 RNG = np.random.default_rng(0)
 A = np.array([0.2, 0.5, 0.6])
@@ -122,14 +120,6 @@ def test_distances_are_flat_within_a_fiftieth_and_doubts_name_their_channels():
     assert undetermined(np.array([5.0, 5.11]), "anything", doubts) == "veil of red, blue"
 
 
-def test_two_terms_are_what_they_say():
-    z = np.array([0.5, 2.0])
-    expected = 0.6 * np.exp(-0.7 * z) + 0.2 * np.exp(-0.03 * z)
-    np.testing.assert_allclose(TwoTerm(0.6, 0.7, 0.2, 0.03)(z), expected)
-    np.testing.assert_allclose(TwoTerm(0.6, 0.7, 0.2, 0.03).optical_depth(z), expected * z)
-    np.testing.assert_allclose(TwoTerm(0.6).optical_depth(z), [0.3, 1.2])
-
-
 @each
 def test_pixels_without_depth_have_no_colour_and_no_influence(method: str):
     view = random_seabed(5)
@@ -201,12 +191,5 @@ def test_a_water_of_linear_light_says_so_also_on_encoded_views(encoding: str):
     if encoding == "gamma":
         view = replace(view, pixels=Arrays(srgb_encode(view.rgb), view.depth), encoding="gamma")
     water = water_of(restore("seathru", view, raw=True))
-    assert water.encoding == "linear"
-    np.testing.assert_allclose(veil(water), veil(CLEAR), atol=0.03)
-
-
-def test_a_water_says_what_it_explains_without_the_engine_too():
-    view = replace(normal_seabed(9), encoding="linear")
-    water = water_of(GaussianSeathru().restore(alone(view), view))
     assert water.encoding == "linear"
     np.testing.assert_allclose(veil(water), veil(CLEAR), atol=0.03)

@@ -110,14 +110,6 @@ def test_the_truths_slope_is_zero_within_its_interval_and_the_inputs_is_not(
     assert error.change[1] > 0
 
 
-def test_too_strong_a_correction_has_a_positive_slope():
-    beta = np.array([0.3, 0.12, 0.05])
-    scene = in_linear_light(make_ground(water((0, 0, 0), tuple(beta), (0.1, 0.1, 0.1)), noise=0))
-    images = {view.name: view.rgb * np.exp(1.5 * beta * view.distance[..., None]) for view in scene}
-    rows = pair_scores(scene, {"much": images}, "range_slope")
-    assert mean(rows, "much", "range_slope", "red") == pytest.approx(0.15, abs=0.01)
-
-
 # -- consistency -------------------------------------------------------------------------------------------
 
 

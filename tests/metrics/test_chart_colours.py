@@ -10,7 +10,7 @@ from support.made_scene import TILTED, painted
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
-from sucre_bench.imaging.cielab import ciede2000, lab_d50
+from sucre_bench.imaging.cielab import ciede2000
 from sucre_bench.metrics.chart_colours import (
     De00,
     Hue,
@@ -42,19 +42,6 @@ def scores(
 @pytest.mark.parametrize(("a", "b", "published"), SHARMA)
 def test_ciede2000_reproduces_the_published_pairs(a: Array, b: Array, published: float) -> None:
     assert ciede2000(np.array(a, float), np.array(b, float)) == pytest.approx(published, abs=5e-5)
-
-
-@pytest.mark.parametrize(
-    ("srgb", "lab"),  # the sRGB primaries under D50, as in ICC profiles (Lindbloom)
-    [
-        ((1, 1, 1), (100, 0, 0)),
-        ((1, 0, 0), (54.29, 80.80, 69.89)),
-        ((0, 1, 0), (87.82, -79.29, 80.99)),
-        ((0, 0, 1), (29.57, 68.30, -112.03)),
-    ],
-)
-def test_srgb_is_adapted_from_d65_to_the_white_of_the_lab_lists(srgb: Array, lab: Array) -> None:
-    np.testing.assert_allclose(lab_d50(np.array(srgb, float)), lab, atol=0.03)
 
 
 def test_angles_by_hand() -> None:

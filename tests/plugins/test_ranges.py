@@ -78,119 +78,64 @@ def test_what_lies_in_its_range_is_taken(right: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        ({"whole": 0}, {"whole", "number", "[1, 3]"}),
-        ({"whole": 2.0}, {"whole", "number", "[1, 3]"}),
-        ({"whole": None}, {"whole", "number", "[1, 3]"}),
-        ({"share": 0.0}, {"number", "(0, 1]"}),
-        ({"share": 1.0001}, {"number", "(0, 1]"}),
-        ({"share": float("nan")}, {"number", "(0, 1]"}),
-        ({"share": (0.5,)}, {"number", "(0, 1]"}),
-        ({"open_end": 50}, {"number", "[0, 50)"}),
-        ({"maybe": 0}, {"whole", "number", "[1, 9]", "none"}),
-        ({"many": (0.5, float("nan"))}, {"numbers", "(0, 1]"}),
-        ({"many": 0.5}, {"numbers", "(0, 1]"}),
+        ({"whole": 0}, "[1, 3]"),
+        ({"whole": 2.0}, "[1, 3]"),
+        ({"whole": None}, "[1, 3]"),
+        ({"share": 0.0}, "(0, 1]"),
+        ({"share": 1.0001}, "(0, 1]"),
+        ({"share": float("nan")}, "(0, 1]"),
+        ({"share": (0.5,)}, "(0, 1]"),
+        ({"open_end": 50}, "[0, 50)"),
+        ({"maybe": 0}, "[1, 9]"),
+        ({"many": (0.5, float("nan"))}, "(0, 1]"),
+        ({"many": 0.5}, "(0, 1]"),
     ],
 )
 def test_what_does_not_is_refused_in_one_line_with_the_option_its_value_and_its_range(
-    wrong: dict[str, Any], named: set[str]
+    wrong: dict[str, Any], named: str
 ) -> None:
     with pytest.raises(InputError) as fault:
         Made(**wrong)
     ((option, value),) = wrong.items()
     assert re.match(rf"made_for_ranges\.{option}: {re.escape(str(value))}; ", str(fault.value))
-    assert named <= names(fault.value)
+    assert named in names(fault.value)
+
+
+def given(option: Option, value: object) -> object:
+    return (value,) * 3 if get_origin(option.type) is tuple else value
 
 
 @pytest.mark.parametrize(("plugin", "option"), NUMBERS)
 def test_no_number_of_a_restorer_may_be_nonsense(plugin: Plugin, option: Option) -> None:
     """Every field, so that none can be forgotten; made directly, without the engine's own checks."""
     for value in [*NONSENSE, *([1.5] if option.type is int else [])]:
-        given = (0.5, value, 0.5) if get_origin(option.type) is tuple else value
         with pytest.raises(InputError, match=rf"^{plugin.name}\.{option.name}: .*; give [^\n]*$"):
-            plugin.cls(**{option.name: given})
+            plugin.cls(**{option.name: given(option, value)})
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("clahe", {"clip": 1e-9, "tiles": 256}),
-        ("clahe", {"clip": 256, "tiles": 1}),
-        (
-            "fusion_2012",
-            {"illuminant": 1, "percent": 49.9, "noise": 1, "clip": 256, "tiles": 256, "levels": 32},
-        ),
-        (
-            "fusion_2012",
-            {"illuminant": 0, "percent": 0, "noise": 1e-30, "clip": 1e-9, "tiles": 1, "levels": 1},
-        ),
-        ("fusion_2018", {"red": 10, "blue": 10, "gamma": 10, "blur_px": 200, "levels": 32}),
-        ("fusion_2018", {"red": 0, "blue": 0, "gamma": 1e-9, "blur_px": 1e-9, "levels": 1}),
-        ("rghs", {"distance_m": 100, "tail": 49.999, "noise": 1}),
-        ("rghs", {"distance_m": 0, "tail": 0, "noise": 0}),
-        ("red_compensation", {"strength": 10, "percent": 49.999}),
-        ("red_compensation", {"strength": 0, "percent": 0}),
-        ("udcp", {"window": 1001, "radius": 1000, "eps": 1, "least": 1, "greatest": 1}),
-        ("udcp", {"window": 1, "radius": 1, "eps": 1e-6, "least": 1e-6, "greatest": 1e-6}),
-        ("ulap", {"remaining": (1, 1, 1), "deepest": 1e-9, "share": 1, "radius": 1000, "eps": 1}),
-        (
-            "ulap",
-            {
-                "remaining": (1e-3, 1e-3, 1e-3),
-                "deepest": 1000,
-                "share": 1e-9,
-                "radius": 1,
-                "eps": 1e-6,
-            },
-        ),
-        ("ulap", {"deepest": 1000, "least": 1e-6, "greatest": 1e-6}),
-        (
-            "ibla",
-            {
-                "window": 1001,
-                "scales": 8,
-                "radius": 1000,
-                "eps": 1,
-                "deepest": 1000,
-                "red": 10,
-                "least": 1e-6,
-            },
-        ),
-        (
-            "ibla",
-            {
-                "window": 1,
-                "scales": 1,
-                "radius": 1,
-                "eps": 1e-6,
-                "deepest": 1e-9,
-                "red": 1e-9,
-                "work_px": 1,
-            },
-        ),
-        (
-            "haze_lines",
-            {
-                "lines": 1,
-                "radius": 1,
-                "eps": 1e-6,
-                "least": 1e-6,
-                "contrast": 0,
-                "textureless": 1e-9,
-            },
-        ),
-        (
-            "haze_lines",
-            {"lines": 5000, "radius": 1000, "eps": 1, "least": 1, "contrast": 1, "textureless": 1},
-        ),
-        ("haze_lines", {"work_px": 1}),
-    ],
-)
-def test_at_the_ends_of_their_ranges_options_give_finite_colours(
-    name: str, options: dict[str, Any]
-) -> None:
-    for kind in ("black", "white", "gray", "black and white", "1 x 1"):
-        assert np.isfinite(restored(METHODS[name].cls(**options), UNWANTED[kind]).image).all()
-    assert np.isfinite(restored(METHODS[name].cls(**options), NOISE).image).all()
+def ends(plugin: Plugin, option: Option) -> tuple[object, object]:
+    """The least and the greatest value of an option's range, which its refusal names."""
+    with pytest.raises(InputError) as fault:
+        plugin.cls(**{option.name: given(option, float("nan"))})
+    (interval,) = re.findall(r"([\[(])(\S+), (\S+)([\])])", str(fault.value))
+    low, high = map(float, interval[1:3])
+    if "whole" in str(fault.value):
+        return int(low), min(int(high), 99)  # more only takes time
+    low += 1e-9 * (interval[0] == "(")
+    high -= 1e-3 * (interval[3] == ")")
+    return given(option, low), given(option, high)
+
+
+@pytest.mark.parametrize("end", [0, 1], ids=["least", "greatest"])
+@pytest.mark.parametrize("name", NAMES)
+def test_at_the_ends_of_their_ranges_options_give_finite_colours(name: str, end: int) -> None:
+    options = {}
+    for plugin, option in (one.values for one in NUMBERS):
+        if plugin.name == name:
+            options[option.name] = ends(plugin, option)[end]
+    made = METHODS[name].cls(**options)
+    for image in (*UNWANTED.values(), NOISE):
+        assert np.isfinite(restored(made, image).image).all()
 
 
 @pytest.mark.parametrize("name", ["udcp", "ulap"])

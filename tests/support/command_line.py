@@ -121,6 +121,13 @@ def run_here(folder: Path, *arguments: str) -> Done:
     return Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))
 
 
+def succeeded(folder: Path, *arguments: str) -> Done:
+    """Run `sucre-bench ARGUMENTS` as `run_here` does; it must succeed."""
+    done = run_here(folder, *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
 class Started:
     """`sucre-bench ARGUMENTS` at work in a process of its own, which leads a group of processes.
 

@@ -120,18 +120,16 @@ def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "named"),
     [
-        ("method", "gray_world", {"method", "another"}),
-        ("method", "MyMethod", {"small", "my_method"}),
-        ("method", "my-method", {"small", "my_method"}),
-        ("metric", "3d", {"small", "my_metric"}),
-        ("dataset", "class", {"Python's", "my_class"}),
-        ("method", "numpy", {"Python's", "numpy", "my_numpy"}),
+        ("method", "gray_world", "method"),
+        ("method", "MyMethod", "my_method"),
+        ("method", "my-method", "my_method"),
+        ("metric", "3d", "my_metric"),
+        ("dataset", "class", "my_class"),
+        ("method", "numpy", "my_numpy"),
     ],
 )
-def test_names_that_cannot_be_are_refused(
-    folder: Path, kind: str, name: str, named: set[str]
-) -> None:
-    assert {name, *named} <= names(new(kind, name).exception)
+def test_names_that_cannot_be_are_refused(folder: Path, kind: str, name: str, named: str) -> None:
+    assert {name, named} <= names(new(kind, name).exception)
     assert not list(folder.iterdir())
 
 

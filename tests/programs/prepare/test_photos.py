@@ -213,38 +213,16 @@ def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
     assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
 
 
-def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
-    random = np.random.default_rng(4)
-    shots = []
-    for shot in make_shots(random.uniform(-2, 2, (9, 3)) * [1, 1, 0.3]):
-        kept = np.sort(random.choice(400, 150, replace=False))
-        shots.append(replace(shot, point_ids=3 * kept + 7, points=shot.points[kept]))
-    for i, near in enumerate(neighbours(shots, 1)):
-        scores = {}
-        for j, other in enumerate(shots):
-            own = [
-                k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)
-            ]
-            to_one, to_other = (
-                shots[i].centre - shots[i].points[own],
-                other.centre - shots[i].points[own],
-            )
-            one, two = np.linalg.norm(to_one, axis=1), np.linalg.norm(to_other, axis=1)
-            angle = np.degrees(
-                np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1))
-            )
-            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(
-                -0.5 * np.log2(one / two) ** 2
-            )
-            if j != i:
-                scores[j] = weight.sum()
-        assert near == [max(scores, key=lambda j: scores[j])]
-    apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
-    assert neighbours([apart, shots[1]], 3) == [[], []]
-
-
 def test_neighbours_together_see_all_parts_of_a_photo():
     whole = make_shots(np.array([[0.0, 0, 0], [0.4, 0, 0], [0.5, 0, 0], [0.6, 0, 0], [0.1, 0, 0]]))
     left = [replace(s, point_ids=s.point_ids[:300], points=s.points[:300]) for s in whole[1:4]]
     rest = replace(whole[4], point_ids=whole[4].point_ids[300:], points=whole[4].points[300:])
     assert 4 in neighbours([whole[0], *left, rest], 3)[0]
+
+
+def test_neighbours_see_the_ground_from_other_places_but_not_under_wide_angles():
+    shots = make_shots(np.array([[0.0, 0, 0], [0.4, 0, 0], [0.001, 0, 0], [0, 0, 60]]))
+    assert neighbours(shots, 1)[0] == [1]
+    assert 3 not in neighbours(shots, 3)[0]
+    apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
+    assert neighbours([apart, shots[1]], 3) == [[], []]

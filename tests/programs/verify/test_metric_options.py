@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.command_line import run_here
+from support.command_line import succeeded
 
 # The share of pixels in which the first channel is brighter than a threshold: its options change every score.
 BRIGHT = """
@@ -56,12 +56,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "tracking.uri=off",
             "report=false",
         )
-        done = run_here(place, "run", "--plugin", "bright.py", *words, f"out={out}")
-        assert done.returncode == 0, done.stderr
+        succeeded(place, "run", "--plugin", "bright.py", *words, f"out={out}")
     for out in ("results", "other"):
-        assert (
-            run_here(place, "bundle", out, f"{out}.zip", "--pictures", "restored").returncode == 0
-        )
+        succeeded(place, "bundle", out, f"{out}.zip", "--pictures", "restored")
     return place
 
 

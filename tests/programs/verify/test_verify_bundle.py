@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
-from support.command_line import Done, Started, run_here
+from support.command_line import Done, Started, run_here, succeeded
 
 QUIET = ("tracking.uri=off", "report=false")
 MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
@@ -43,15 +43,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
     words = (*SMALL, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
-    done = run_here(
-        place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive"
-    )
-    assert done.returncode == 0, done.stderr
+    succeeded(place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
     for pictures in ("none", "restored", "all"):
-        done = run_here(
+        succeeded(
             place, "bundle", "results", f"{pictures}.zip", "--pictures", pictures, "--by", "Jane"
         )
-        assert done.returncode == 0, done.stderr
     return place
 
 
@@ -109,10 +105,8 @@ def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_
     tmp_path: Path,
 ):
     words = (*MADE, "method=gray_world", "metrics=[faults,saturated_red,seams]", *QUIET)
-    assert run_here(tmp_path, "run", *words, "out=results", "dataset.root=dive").returncode == 0
-    assert (
-        run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
-    )
+    succeeded(tmp_path, "run", *words, "out=results", "dataset.root=dive")
+    succeeded(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored")
     done = run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["differing"]) == (0, [])
@@ -179,8 +173,8 @@ def fragile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("fragile")
     (place / "fragile.py").write_text(FRAGILE.replace("DOES", "pass"))
     words = (*SMALL, "method=gray_world", "metrics=[fragile,uciqe]", *QUIET)
-    assert run_here(place, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
-    assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    succeeded(place, "run", "--plugin", "fragile.py", *words, "out=results")
+    succeeded(place, "bundle", "results", "b.zip", "--pictures", "restored")
     return place
 
 
@@ -218,8 +212,8 @@ def charted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scores of single patches, of which each has few pixels, and of hues near 0 and near gray."""
     place = tmp_path_factory.mktemp("charted")
     words = (*MADE, "method=gray_world,seathru", "metrics=[psi,de00,hue:all,water]", *QUIET)
-    assert run_here(place, "run", "-m", *words, "out=results").returncode == 0
-    assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    succeeded(place, "run", "-m", *words, "out=results")
+    succeeded(place, "bundle", "results", "b.zip", "--pictures", "restored")
     (place / "empty").mkdir()
     return place
 
