@@ -109,7 +109,7 @@ def compare(
         rows, common_rows = compare.load(folders)
         compare.refuse(rows, metrics, common)
         if pixels == "common":
-            rows = compare.on_pixels(rows, lambda: _common(folders, rows, common_rows))
+            rows = compare.on_pixels(rows, _common(folders, rows, common_rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
@@ -159,7 +159,9 @@ def _print_in_full(
 
 def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     """The scores on common pixels: those in the folders, and of methods in several folders those made now."""
-    if len(folders) < 2:
+    from sucre_bench.compare import leaves_holes
+
+    if len(folders) < 2 or not leaves_holes(rows):
         return known
     import pandas as pd
 
@@ -169,7 +171,7 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) ->
     for folder in folders:
         if remedy := load_them(plugin_files(folder)):
             say(f"note: {folder}: its plugin files are not loaded; {remedy}", "yellow")
-    made = score_folders(folders, rows)
+    made = score_folders(rows)
     tables = [table for table in (known, made) if len(table)]
     return pd.concat(tables, ignore_index=True) if tables else known
 

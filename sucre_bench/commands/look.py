@@ -28,7 +28,7 @@ def report(folder: Path) -> None:
 
     check_links(folder)
     rows, common = read_both(folder)
-    rows = compare.on_pixels(rows, lambda: common)
+    rows = compare.on_pixels(rows, common)
     click.echo(page.write(folder, rows, compare.compare(rows)))
 
 

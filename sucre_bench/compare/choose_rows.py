@@ -7,7 +7,7 @@ ones.
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -48,7 +48,8 @@ _SAME = 1e-6  # relative difference of one score on two machines
 def load(folders: Iterable[str | Path]) -> tuple[DataFrame, DataFrame]:
     """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
 
-    Returns the scores on own pixels, and those on common pixels, see `on_pixels`.
+    Returns the scores on own pixels, whose column `_folder` says which they are of, and those on common pixels, see
+    `on_pixels`.
     Says with `progress.say` where folders have different values. A folder may be a bundle (.zip), too.
     Raises InputError when a folder has none, when folders mean different options or code by one method, or hold results
     on different data.
@@ -84,7 +85,7 @@ def load(folders: Iterable[str | Path]) -> tuple[DataFrame, DataFrame]:
                 raise InputError(f"{names}: {fault}; run it again, or give it another label")
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    rows = rows.drop_duplicates(_NAMED, keep="last").drop(columns=["_ok", "_folder"])
+    rows = rows.drop_duplicates(_NAMED, keep="last").drop(columns="_ok")
     return rows.sort_index(ignore_index=True), common
 
 
@@ -342,18 +343,16 @@ def leaves_holes(rows: DataFrame) -> bool:
 OWN_PIXELS = {"pixels": "own", "pixels_share": math.nan, "pixels_reason": ""}
 
 
-def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
+def on_pixels(rows: DataFrame, common: DataFrame) -> DataFrame:
     """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
 
-    rows: of the score table; read: returns the scores on common pixels, see `results.read_common`; it is called only
-    where a method `leaves_holes`.
+    rows: of the score table; common: the scores on common pixels, see `results.read_common`.
     Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """
     rows = rows.assign(**OWN_PIXELS)
     if not leaves_holes(rows):
         return rows
-    common = read()
     whole = restorations(rows[is_fresh(rows)])
     enough = whole[whole["coverage"] >= LEAST_FILLED]
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]

@@ -48,10 +48,8 @@ from sucre_bench.results.restorations import (
 from sucre_bench.results.rows import (
     COMMON,
     KEYS,
-    RESTORATION,
     Row,
     RowCode,
-    restorations,
     row_objects,
     values_of,
 )
@@ -278,7 +276,7 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
         part.flush()
 
 
-def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
+def score_folders(rows: DataFrame) -> DataFrame:
     """Return scores on common pixels, as `read_common` has them, of views with restorations in several folders.
 
     Nothing is written. rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open
@@ -286,28 +284,20 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     """
     rows = rows[is_fresh(rows)]
     whole = filled_restorations(rows)
-    if not (differing := differing_views(whole)):
-        return results.frame([])
-    places = [folder for folder in folders if not is_bundle(folder)]
-    tables = ((folder, restorations(results.read(folder, metric=RESTORATION))) for folder in places)
-    folder_of = {
-        which: folder for folder, table in tables for which in values_of(table, *KEYS, "time")
+    folders: dict[ViewKey, dict[str, Path]] = {}  # of each view, by method
+    for dataset, scene, view_name, method, place in values_of(whole, *KEYS, "_folder"):
+        folders.setdefault((dataset, scene, view_name), {})[method] = Path(place)
+    wanted = {
+        key
+        for key in differing_views(whole)
+        if len({*folders[key].values()}) > 1 and not any(map(is_bundle, folders[key].values()))
     }
-    of_view: dict[ViewKey, list[Path | None]] = {}
-    for dataset, scene, view, *which in values_of(whole, *KEYS, "time"):
-        of_view.setdefault((dataset, scene, view), []).append(
-            folder_of.get((dataset, scene, view, *which))
-        )
-    wanted = {key for key in differing if None not in of_view[key] and len({*of_view[key]}) > 1}
-    labels = {dataset for dataset, _, _ in wanted}
     jobs, opened = list[Job](), dict[ViewKey, Task]()
-    for folder in places if wanted else ():
+    for folder in map(Path, whole["_folder"].unique() if wanted else ()):
         with suppress(SucreBenchError):  # the jobs of the last run cannot be read any more
-            jobs += [
-                job.of_all_views()
-                for job in read_config(folder / CONFIG)
-                if job.dataset.label in labels
-            ]
+            jobs += [job.of_all_views() for job in read_config(folder / CONFIG)]
+    labels = {dataset for dataset, _, _ in wanted}
+    jobs = [job for job in jobs if job.dataset.label in labels]
     with opening_once():
         for job in reversed(jobs):
             with suppress(SucreBenchError):  # its data cannot be opened
@@ -315,13 +305,15 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
                 opened |= {key: task for task in every if (key := _key(task.base)) in wanted}
 
     def source(row: Row) -> Source | None:
-        task, folder = opened[_key(row)], folder_of[(*_key(row), row.method, row.time)]
+        key = _key(row)
+        task = opened[key]
+        folder = folders[key][row.method]
         return Source.stored(folder, task.place, row) if row.data_id == task.base.data_id else None
 
     metrics = [metric for job in jobs for metric in job.metrics]
     chosen = {key: (task.base, task.view) for key, task in opened.items()}
     views = _common_views(chosen, rows, metrics, source)
-    complete = [view for key, view in views.items() if len(view.by_method) == len(of_view[key])]
+    complete = [view for key, view in views.items() if len(view.by_method) == len(folders[key])]
     return results.frame(
         row for view in progress.track(complete, "common pixels") for row in view.rows()
     )

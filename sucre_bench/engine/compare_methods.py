@@ -85,7 +85,7 @@ class Compared:
         if not len(self.rows):
             return None
         common = self.common
-        rows = self.rows if common is None else compare.on_pixels(self.rows, lambda: common)
+        rows = self.rows if common is None else compare.on_pixels(self.rows, common)
         return next(iter(compare.compare(rows, order=self.labels)), None)
 
     def markdown(self) -> str:

@@ -274,7 +274,7 @@ def _outcome(
             key = (*plan.labels, task.base.scene, task.view.name)
             metrics.setdefault(key, set()).update(names)
     first = planned[0].job
-    scores = compare.on_pixels(rows, partial(read_common, first.out))
+    scores = compare.on_pixels(rows, read_common(first.out))
     restored = restoration_rows(rows)
     is_requested = [
         row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *_KEYS, "status")
@@ -316,7 +316,7 @@ def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
             Fault(f"{row.dataset} / {row.method}", row.view, row.reason) for row in of_status
         )
 
-    scores = compare.on_pixels(rows, partial(read_common, job.out))
+    scores = compare.on_pixels(rows, read_common(job.out))
     return Outcome(
         rows=scores,
         stored=rows,

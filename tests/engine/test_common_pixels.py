@@ -33,7 +33,7 @@ def both(tmp_path: Path, toys: str, tmp_path_factory: pytest.TempPathFactory) ->
 def scores(out: Path, pixels: compare.Pixels) -> pd.DataFrame:
     """A score by view and method, as it is compared."""
     rows = results.read(out)
-    rows = compare.on_pixels(rows, lambda: read_common(out)) if pixels == "common" else rows
+    rows = compare.on_pixels(rows, read_common(out)) if pixels == "common" else rows
     rows = rows[rows["metric"] == "psnr"]
     return rows.pivot(index="view", columns="method", values="value")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,7 +75,7 @@ def log(out: Path, place: Place, runs: Runs | None = None) -> int:
     mlflow fails.
     """
     rows = results.read(out)
-    comparisons = compare.compare(compare.on_pixels(rows, partial(read_common, out)))
+    comparisons = compare.compare(compare.on_pixels(rows, read_common(out)))
     with reported(place.uri):
         runs = runs or Runs(out, place)
         try:
