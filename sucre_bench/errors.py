@@ -78,14 +78,6 @@ class InputError(SucreBenchError):
     """
 
 
-class UnknownPluginError(InputError):
-    """No plugin has a name. kind: what it should be, "method" say."""
-
-    def __init__(self, fault: str, kind: str = "", remedy: str = "") -> None:
-        super().__init__(fault, remedy=remedy)
-        self.kind = kind
-
-
 class FileError(InputError):
     """A file or folder cannot be used. place: its path, or the option that names it."""
 

@@ -24,7 +24,6 @@ from sucre_bench.errors import (
     MissingFileError,
     NotAFileError,
     SucreBenchError,
-    UnknownPluginError,
     file_error,
 )
 from sucre_bench.imaging.image_files import read_array, read_rgb
@@ -35,7 +34,6 @@ from sucre_bench.results.restorations import read_mask
 pytestmark = pytest.mark.short
 # Of the classes with parameters of their own.
 EXAMPLES: dict[type[SucreBenchError], SucreBenchError] = {
-    UnknownPluginError: UnknownPluginError("no method is called 'sucr'", "method"),
     DiedError: DiedError("exit code 7", "method 'a' on view 'b.png'"),
 }
 

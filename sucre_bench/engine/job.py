@@ -26,7 +26,7 @@ from sucre_bench.errors import (
     raise_if_stop,
 )
 from sucre_bench.imaging.colour_profiles import restoration_in_srgb, view_in_srgb
-from sucre_bench.imaging.display import displayed, is_of_scene
+from sucre_bench.imaging.display import displayed
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
@@ -53,8 +53,8 @@ _PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> None:
     """Restore and score views of a job, as places in `planned.todo`, which `take` gives until none is left.
 
-    Sends "ready" and whether the views of a scene belong together, or "unfit" and a row if the method cannot be made;
-    then "rows", a view's place and its rows. It ends early if this process can open no more files.
+    Sends "ready", or "unfit" and a row if the method cannot be made; then "rows", a view's place and its rows. It ends
+    early if this process can open no more files.
     """
     job = planned.job
     try:
@@ -65,13 +65,10 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 scorers(m for m in job.metrics if not m.plugin.is_of_pairs),
             )
             make_ready(method)
-            by_scene = is_of_scene(job.method.display) or bool(
-                getattr(method, "sees_whole_scene", False)
-            )
     except BaseException as fault:
         send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
         return
-    send("ready", by_scene)
+    send("ready")
     with ExitStack() as block:
         if job.shared_pairs:
             from sucre_bench.multiview.stored_pairs import sharing

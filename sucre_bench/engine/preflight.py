@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, evenly
@@ -141,13 +142,6 @@ def _open(dataset: Choice) -> list[Scene]:
                 raise PluginError(
                     f"dataset '{dataset.label}': a {kind} is called '{name}'; give it a name"
                 )
-        name, times = (
-            Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
-        )
-        if times > 1:
-            raise PluginError(
-                f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique"
-            )
     name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
     if times > 1:
         raise InputError(
@@ -258,6 +252,9 @@ class Planned:
     """By scene, the views whose colours decide how all of it are shown, other shards' among them; none where each view
     is shown by itself."""
 
+    by_scene: bool = False
+    """Whether one worker restores all views of a scene: they are shown alike, or the method works on all at once."""
+
     shares_decoded: bool = False
     """Whether decoded files are stored for other restorations, which read the same views."""
 
@@ -305,11 +302,13 @@ def check(command: Command) -> list[Planned]:
     )
     for job in jobs:
         try:
-            for choice in (job.method, *job.metrics):
-                _try_to_make(choice, job.out)
-            planned.append(
-                _planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared)
-            )
+            for metric in job.metrics:
+                _made(metric, job.out)
+            method = _made(job.method, job.out)
+            of_method = of_job.get((job.dataset.label, job.method.label), rows[:0])
+            sees_whole_scene = bool(getattr(method, "sees_whole_scene", False))
+            by_scene = sees_whole_scene or is_of_scene(job.method.display)
+            planned.append(replace(_planned(job, of_method, shared), by_scene=by_scene))
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems and not rows.empty:
@@ -319,10 +318,12 @@ def check(command: Command) -> list[Planned]:
     return _sharing_decoded(planned)
 
 
-def plan(job: Job) -> Planned:
-    """Return what a job will do, without a check. Raises what opening its dataset raises."""
+def planned_again(before: Planned) -> Planned:
+    """Return what a job will do now, without a check. Raises what opening its dataset raises."""
+    job = before.job
     rows = _stored(job, dataset=job.dataset.label, method=job.method.label)
-    return _sharing_decoded([_planned(job, rows, with_shared_pixels)])[0]
+    now = _planned(job, rows, with_shared_pixels)
+    return replace(now, by_scene=before.by_scene, shares_decoded=before.shares_decoded)
 
 
 def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
@@ -437,10 +438,10 @@ def _without_results(
     return tuple(task for task in every if not is_done(task))
 
 
-def _try_to_make(choice: Choice, out: Path) -> None:
-    """Raise InputError if a plugin refuses its options, named as the command takes them."""
+def _made(choice: Choice, out: Path) -> Any:
+    """Make a plugin. Raises InputError if it refuses its options, named as the command takes them."""
     try:
-        choice.make(out)
+        return choice.make(out)
     except SucreBenchError:
         raise
     except BaseException as fault:

@@ -13,12 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
 from multiprocessing.connection import wait
 from typing import Any
 
 from sucre_bench.engine.job import serve
-from sucre_bench.engine.preflight import Planned, base_row, plan
+from sucre_bench.engine.preflight import Planned, base_row, planned_again
 from sucre_bench.engine.score import row_of_fault
 from sucre_bench.errors import (
     DiedError,
@@ -54,7 +53,7 @@ def run_jobs(
     An OutputError of a job is a line, and the others go on; DiskFullError is raised, for none could write.
     """
     jobs = [_Job(plan, begins) for plan in planned if plan.todo]
-    n_views = sum(len(job.left) for job in jobs)
+    n_views = sum(len(job.planned.todo) for job in jobs)
     with ExitStack() as block:
         if len(jobs) > 1:
             after_view = block.enter_context(progress.line(f"{len(jobs)} jobs", n_views))
@@ -128,31 +127,38 @@ def _import_shared() -> None:
 class _Job:
     """A job in the process of the command, which gives its views out and writes their rows.
 
-    left: groups of views that no worker has, as places in `planned.todo`; faults: of steps that workers leave out;
-    n_ready: how many workers have made its method; is_full: whether no more can; is_given_up: whether its results
-    cannot be written; after_view: called when a view is done.
+    left: groups of views that no worker has, as places in `planned.todo`, see `Planned.by_scene`; faults: of steps that
+    workers leave out; n_ready: how many workers have made its method; is_full: whether no more can; is_given_up:
+    whether its results cannot be written; after_view: called when a view is done.
     """
 
     def __init__(self, planned: Planned, begins: Callable[[Job], None]) -> None:
         self.planned, self.name = planned, planned.name
         self._begins = begins
-        self.left: deque[tuple[int, ...]] = deque((k,) for k in range(len(planned.todo)))
+        self.left = self._groups()
         self.faults: dict[str, Exception] = {}
-        self.n_ready, self.is_full, self.is_given_up, self._by_scene = 0, False, False, False
+        self.n_ready, self.is_full, self.is_given_up = 0, False, False
         self.after_view: list[Callable[[], None]] = []
         job = planned.job
         self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
         self._shown = ExitStack()
 
+    def _groups(self) -> deque[tuple[int, ...]]:
+        """The views to do, in the groups that a worker gets whole."""
+        groups: dict[Any, list[int]] = {}
+        for place, task in enumerate(self.planned.todo):
+            groups.setdefault(task.base.scene if self.planned.by_scene else place, []).append(place)
+        return deque(map(tuple, groups.values()))
+
     def begin(self) -> None:
         """Show the progress, and say that it begins."""
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
-            shares = self.planned.shares_decoded
             # an earlier job has made files that it reads
-            self.planned = replace(plan(job), shares_decoded=shares)
-            self.left = deque((k,) for k in range(len(self.planned.todo)))
-        line = progress.line(f"{job.method.label} on {job.dataset.label}", len(self.left))
+            self.planned = planned_again(self.planned)
+            self.left = self._groups()
+        n_views = len(self.planned.todo)
+        line = progress.line(f"{job.method.label} on {job.dataset.label}", n_views)
         self.after_view.append(self._shown.enter_context(line))
         self._begins(job)
 
@@ -168,16 +174,6 @@ class _Job:
     def note(self, given: list[int], kind: str, *values: Any) -> None:
         """Do what a worker's message says. given: the views that it has; those that are done are removed."""
         if kind == "ready":
-            if values[0] and not self._by_scene:
-                self._by_scene = True
-                todo = self.planned.todo
-                places = sorted(
-                    (place for group in self.left for place in group),
-                    key=lambda k: todo[k].base.scene,
-                )
-                self.left = deque(
-                    tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene)
-                )
             self.n_ready += 1
         elif kind == "unfit" and self.n_ready:
             # for want of memory, say: the other workers do its share
@@ -218,7 +214,9 @@ class _Job:
         """Take back views that a worker had and did not do."""
         if not self.is_given_up:
             groups = (
-                [tuple(places)] if self._by_scene and places else [(place,) for place in places]
+                [tuple(places)]
+                if self.planned.by_scene and places
+                else [(place,) for place in places]
             )
             self.left.extendleft(reversed(groups))
         places.clear()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, MissingFileError, UnknownPluginError, unknown_name
+from sucre_bench.errors import InputError, MissingFileError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.run_options import check_group
@@ -51,29 +51,27 @@ def plugin_of(kind: Kind, name: str) -> Plugin | None:
 def named(kind: Kind, name: str) -> Plugin:
     """Return the plugin of this name, or that a preset of this name is of.
 
-    Raises UnknownPluginError with the nearest name, or PluginError with the reason why it cannot be used.
+    Raises InputError with the nearest name, or PluginError with the reason why it cannot be used.
     """
     if plugin := plugin_of(kind, name):
         return plugin
     if plugins.is_name(kind, name):
         return plugins.find(kind, name)  # raises with the reason
     if not name:  # a variable that is not set, say
-        raise UnknownPluginError(
-            f"{kind}: is empty", kind, f"give a name that `sucre-bench list {kind}s` shows"
-        )
+        raise InputError("is empty", kind, f"give a name that `sucre-bench list {kind}s` shows")
     if Path(name).suffix in (".yaml", ".yml"):
         group, stem = GROUPS[kind], Path(name).stem
         remedy = f"put the file into MINE/{group}/ and write --config-dir MINE {group}={stem}"
-        raise UnknownPluginError(f"no {kind} is called '{name}'", kind, remedy)
+        raise InputError(f"no {kind} is called '{name}'", remedy=remedy)
     if kind == "dataset" and Path(name).exists():
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
-        raise UnknownPluginError(fault, kind, f"write {remedy}")
+        raise InputError(fault, remedy=f"write {remedy}")
     for made in vars(sys.modules["__main__"]).copy().values():  # a class of a notebook's cell
         plugin = getattr(made, "__plugin__", None)
         if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
             fault = f"'{name}' is a class of this session, and has no name outside it"
-            raise UnknownPluginError(fault, kind, f"pass an object: {plugin.cls.__name__}(...)")
+            raise InputError(fault, remedy=f"pass an object: {plugin.cls.__name__}(...)")
     raise plugins.unknown(
         kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])}
     )

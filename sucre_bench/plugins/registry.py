@@ -22,8 +22,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from sucre_bench.arguments import checked
 from sucre_bench.errors import (
     ANY_FAULT,
+    InputError,
     PluginError,
-    UnknownPluginError,
     did_you_mean,
     one_line,
     raise_if_stop,
@@ -245,18 +245,15 @@ def _decorated(module: ModuleType) -> list[Plugin]:
     return [vars(cls)["__plugin__"] for cls in classes if "__plugin__" in vars(cls)]
 
 
-def unknown(
-    kind: str, name: str, known: Iterable[str], give: str = "--plugin "
-) -> UnknownPluginError:
+def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:
     """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
 
     give: what stands before a file in the command.
     """
     if is_file(Path(f"{name}.py")):
-        return UnknownPluginError(
-            f"no {kind} is called '{name}', but {name}.py is here", kind, f"give {give}{name}.py"
-        )
-    return UnknownPluginError(f"no {kind} is called '{name}'", kind, did_you_mean(name, known))
+        remedy = f"give {give}{name}.py"
+        return InputError(f"no {kind} is called '{name}', but {name}.py is here", remedy=remedy)
+    return InputError(f"no {kind} is called '{name}'", remedy=did_you_mean(name, known))
 
 
 def _unusable(plugin: Plugin) -> str:
