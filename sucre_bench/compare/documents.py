@@ -16,6 +16,7 @@ from sucre_bench.compare.model import Difference
 from sucre_bench.compare.terminal_table import blocks
 from sucre_bench.compare.words import (
     Shown,
+    ShownColumn,
     answer,
     deciding,
     faults,
@@ -32,8 +33,6 @@ from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import csv_text
 
 _PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points
-
-_Grid = list[list[tuple[str, str]]]  # lines of cells: a text, and what sets it apart
 
 Format = Literal["md", "latex", "html", "csv", "json"]
 
@@ -52,12 +51,15 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
         return csv_text(pd.DataFrame(records), for_spreadsheets=True)
     made = []
     for one in notes_once(comparisons):
-        heads = [f"{title(column)} ({column.variant})" for column in one.columns]
-        cells = [
-            [shown(one, name, column, spread) for column in one.columns] for name in one.methods
+        columns = [
+            ShownColumn(
+                f"{title(column)} ({column.variant})",
+                [shown(one, name, column, spread) for name in one.methods],
+            )
+            for column in one.columns
         ]
         head = one.title if len(comparisons) > 1 else ""
-        made.append(_WRITERS[how](head, _grid(heads, one.methods, cells), _below(one, spread)))
+        made.append(_WRITERS[how](head, one.methods, columns, _below(one, spread)))
     return "\n".join(made)
 
 
@@ -68,23 +70,23 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
     """
     made = []
     for title_of, levels in tables.items():
-        comparisons = [level.comparison for level in levels]
-        for column in comparisons[0].columns:
-            cells = [
-                [
-                    shown(one, level.lines[name], column)
-                    for one, level in zip(comparisons, levels, strict=True)
-                ]
-                for name in levels[0].lines
+        first, lines = levels[0].comparison, [*levels[0].lines]
+        for column in first.columns:
+            columns = [
+                ShownColumn(
+                    level.name,
+                    [shown(level.comparison, level.lines[name], column) for name in lines],
+                )
+                for level in levels
             ]
-            grid = _grid([level.name for level in levels], [*levels[0].lines], cells)
-            marks = signs(comparisons[0], [cell for line in cells for cell in line], colours=False)
-            has_interval = any(cell.interval for line in cells for cell in line)
+            cells = [cell for one in columns for cell in one.cells]
+            marks = signs(first, cells, colours=False)
+            has_interval = any(cell.interval for cell in cells)
             of = "mean [95 % interval]" if has_interval else "mean"
             below = "; ".join([of, *over_views([column]), *marks])
             head = f"{title_of}: {title(column)} ({column.variant})"
-            made.append(_WRITERS[how](head, grid, [below]))
-        notes = left_out(comparisons[0])
+            made.append(_WRITERS[how](head, lines, columns, [below]))
+        notes = left_out(first)
         if notes and how == "md":
             made.append("\n".join(f"{note}\n" for note in notes))
     return "\n".join(made)
@@ -135,17 +137,6 @@ def ends_of(name: str, difference: Difference) -> dict[str, float]:
     return dict(zip((name, f"{name}_low", f"{name}_high"), difference, strict=True))
 
 
-_LOOKS = {"best": "best", "better": "best", "second": "second"}
-
-
-def _grid(heads: Sequence[str], methods: Sequence[str], cells: Sequence[Sequence[Shown]]) -> _Grid:
-    """The texts of a table and what sets each apart: a line with the headings, then a line a method."""
-    lines = [[("method", ""), *((head, "") for head in heads)]]
-    for name, line in zip(methods, cells, strict=True):
-        lines.append([(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in line)])
-    return lines
-
-
 def _below(comparison: Comparison, spread: bool) -> list[str]:
     """The notes below a table; with a baseline, also in how many views each method beats it, and the effect."""
     knows = deciding(comparison, every=True).knows_colours
@@ -165,14 +156,15 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
 
 # How each format sets a cell apart.
 _MARKS = {
-    "md": {"best": "**{}**", "second": "<u>{}</u>", "": "{}"},
-    "html": {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"},
-    "latex": {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"},
+    "md": {"best": "**{}**", "second": "<u>{}</u>"},
+    "html": {"best": "<strong>{}</strong>", "second": "<u>{}</u>"},
+    "latex": {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}"},
 }
 
 
 def _marked(
-    grid: _Grid,
+    methods: Sequence[str],
+    columns: Sequence[ShownColumn],
     how: str,
     escaped: Callable[[str], str],
     number: Callable[[str], str] | None = None,
@@ -183,24 +175,24 @@ def _marked(
     """
     import pandas as pd
 
-    (corner, *heads), *rows = grid
-    marks = _MARKS[how]
-    return pd.DataFrame(
-        [
-            [marks[look].format((number or escaped)(text)) for text, look in cells]
-            for _, *cells in rows
-        ],
-        index=[escaped(name) for (name, _), *_ in rows],
-        columns=pd.Index([escaped(text) for text, _ in heads], name=corner[0]),
-    )
+    def marked(cell: Shown) -> str:
+        look = "best" if cell.look == "better" else cell.look
+        return _MARKS[how].get(look, "{}").format((number or escaped)(str(cell)))
+
+    texts = {n: [marked(cell) for cell in column.cells] for n, column in enumerate(columns)}
+    table = pd.DataFrame(texts, index=[escaped(name) for name in methods])
+    heads = pd.Index([escaped(column.head) for column in columns], name="method")
+    return table.set_axis(heads, axis="columns")
 
 
-def _markdown(title: str, grid: _Grid, notes: Sequence[str]) -> str:
+def _markdown(
+    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
+) -> str:
     def plain(text: str) -> str:
         # a label is no markup
         return re.sub(r"([*`\[\]\\|])", r"\\\1", html.escape(text, quote=False))
 
-    cells = _marked(grid, "md", plain, number=str)
+    cells = _marked(methods, columns, "md", plain, number=str)
     lines = [[cells.columns.name, *cells.columns], ["---", *["---:"] * len(cells.columns)]]
     lines += [[name, *row] for name, row in zip(cells.index, cells.to_numpy(), strict=True)]
     head = f"**{plain(title)}**\n\n" if title else ""
@@ -208,8 +200,10 @@ def _markdown(title: str, grid: _Grid, notes: Sequence[str]) -> str:
     return head + table + "".join(f"\n{plain(note)}\n" for note in notes)
 
 
-def _html(title: str, grid: _Grid, notes: Sequence[str]) -> str:
-    table = _marked(grid, "html", html.escape).style
+def _html(
+    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
+) -> str:
+    table = _marked(methods, columns, "html", html.escape).style
     if title:
         table = table.set_caption(html.escape(title))
     below = "".join(f"<p>{html.escape(note)}</p>\n" for note in notes)
@@ -219,11 +213,12 @@ def _html(title: str, grid: _Grid, notes: Sequence[str]) -> str:
 # -- LaTeX -------------------------------------------------------------------------------------------------
 
 
-def _latex(title: str, grid: _Grid, notes: Sequence[str]) -> str:
-    names, *columns = zip(*grid, strict=True)
-    widths = [max(len(text) for text, _ in column) for column in columns]
-    room = _PAGE - max(len(text) for text, _ in names)
-    cells = _marked(grid, "latex", _tex)
+def _latex(
+    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
+) -> str:
+    widths = [max(len(str(text)) for text in (one.head, *one.cells)) for one in columns]
+    room = _PAGE - max(len(name) for name in ("method", *methods))
+    cells = _marked(methods, columns, "latex", _tex)
     # signs of numbers as mathematics has them
     cells = cells.replace(r"[+-](?=\d|\.|inf)", r"$\g<0>$", regex=True)
     # after \\ and \midrule, brackets and stars are their options

@@ -7,13 +7,13 @@ import re
 import textwrap
 from collections import defaultdict
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import fmean
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare import words
 from sucre_bench.compare.model import Column, Comparison
-from sucre_bench.compare.words import Deciding, answer, best_first, deciding, verdicts
+from sucre_bench.compare.words import Deciding, ShownColumn, answer, best_first, deciding, verdicts
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -25,23 +25,7 @@ _SHORTEST_NAMES = 20  # characters that the names of methods have at least; long
 _MOST_BLOCKS = 3  # comparisons with a block of their own
 
 
-@dataclass(frozen=True)
-class _Laid:
-    """A column as it is shown."""
-
-    head: str
-
-    unit: str
-    """The line below the heading."""
-
-    cells: list[words.Shown]
-    """A cell a method."""
-
-    is_dim: bool = False
-    """Whether all of it is dim, because nobody wins by it."""
-
-
-def _texts(column: _Laid) -> list[Text]:
+def _texts(column: ShownColumn) -> list[Text]:
     """A column's cells: numbers, intervals and holes stand each below those of the cells above."""
     from rich.text import Text
 
@@ -60,7 +44,7 @@ def _texts(column: _Laid) -> list[Text]:
 
 
 def _tables(
-    methods: Sequence[str], columns: Sequence[_Laid], width: int, dim: Collection[str] = ()
+    methods: Sequence[str], columns: Sequence[ShownColumn], width: int, dim: Collection[str] = ()
 ) -> list[Table]:
     """Tables of as many columns as fit beside each other. dim: methods whose names are set so."""
     from rich.table import Table
@@ -252,14 +236,14 @@ def _laid(
     head: tuple[str, str],
     spread: bool = False,
     intervals: bool = True,
-) -> _Laid:
+) -> ShownColumn:
     cells = [words.shown(comparison, name, column, spread) for name in comparison.methods]
     if not intervals:
         cells = [replace(cell, interval="") for cell in cells]
-    return _Laid(*head, cells, column.knows == "taste")
+    return ShownColumn(head[0], cells, head[1], column.knows == "taste")
 
 
-def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str]) -> str:
+def _signs(comparison: Comparison, laid_out: Sequence[ShownColumn], over: Sequence[str]) -> str:
     """What the numbers and signs of a block mean. over: how many views."""
     cells = [cell for column in laid_out for cell in column.cells]
     parts = [f"differences from {comparison.baseline}" if comparison.baseline else "", *over]

@@ -127,6 +127,22 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
 
 
+@dataclass(frozen=True)
+class ShownColumn:
+    """A column as it is shown."""
+
+    head: str
+
+    cells: list[Shown]
+    """A cell a method."""
+
+    unit: str = ""
+    """The line below the heading."""
+
+    is_dim: bool = False
+    """Whether all of it is dim, because nobody wins by it."""
+
+
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
     return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
 
