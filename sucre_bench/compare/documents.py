@@ -70,7 +70,8 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
     """
     made = []
     for title_of, levels in tables.items():
-        first, lines = levels[0].comparison, [*levels[0].lines]
+        first = levels[0].comparison
+        lines = [*levels[0].lines]
         for column in first.columns:
             columns = [
                 ShownColumn(
