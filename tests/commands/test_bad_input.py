@@ -57,13 +57,6 @@ def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(
     assert {"psnr:", "reference,", "colmap"} <= set(line.split())
 
 
-def test_a_view_without_depth_is_skipped_by_what_needs_it(bench, dive: Path):
-    (dive / "depths" / "depth_b.png").unlink()
-    done = run(bench, dive, METHODS)
-    assert "skipped  colmap / stitching / b.png: " in done.stdout
-    assert "5 ok, 0 failed, 1 skipped" in done.stdout
-
-
 def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_path: Path):
     run(bench, dive)
     other = write_dive(tmp_path / "other", NAMES)
@@ -71,16 +64,6 @@ def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_pat
     assert done.returncode == 2
     assert re.search(r"'colmap'.* dive.* other.* out=.* dataset\.label=", done.stderr)
     assert set(results.read(tmp_path / "results")["scene"]) == {"dive"}
-
-
-def test_two_dives_in_one_sweep_are_told_apart_by_their_folders(bench, dive: Path, tmp_path: Path):
-    other = write_dive(tmp_path / "other", NAMES)
-    done = run(bench, f"{dive},{other}")
-    assert done.returncode == 0, done.stderr
-    assert {p.name for p in (tmp_path / "results" / "restored").iterdir()} == {
-        "colmap,root=dive",
-        "colmap,root=other",
-    }
 
 
 def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench, tmp_path: Path):

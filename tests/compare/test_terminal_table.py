@@ -455,15 +455,6 @@ def test_many_datasets_say_on_which_pixels_their_scores_are():
     assert re.search(r"\b3 of 4 tables\b.*pixels", printed(compare.compare(frame(rows))).text)
 
 
-def test_against_a_baseline_each_side_is_named():
-    base = [20.0, 25, 30, 27, 22]
-    scores = {"psnr": {"base": base, "more": [x + 1 for x in base], "less": [x - 1 for x in base]}}
-    block = printed(compared(scores, baseline="base"))
-    assert "more is better than base by 1.00 dB" in block.text
-    assert "less is worse than base by 1.00 dB" in block.text
-    assert "+1.00" in block.text
-
-
 LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbours=40"
 
 

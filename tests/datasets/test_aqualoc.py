@@ -133,7 +133,6 @@ def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
         ("12 1 2 3 0 0 0", "line 2"),
         ("12 1 2 3 0 0 1 1", "line 2"),
         ("12 1 2 nan 0 0 0 1", "line 2"),
-        ("12 1 2 three 0 0 0 1", "line 2"),
         ("", "holds"),
         ("99 1 2 3 0 0 0 1", "frames, 99"),
     ],

@@ -1,5 +1,6 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,11 +13,13 @@ from sucre_bench.datasets.demo import Demo, Preset, water_of
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
 from sucre_bench.datasets.demo.render import (
     LAMP,
+    RayCaster,
     apply,
     lamp_light,
     make_camera,
     underwater,
 )
+from sucre_bench.datasets.demo.seabed import SITES, Grid, Terrain, place_board
 from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.scene import Scene, View
 
@@ -132,6 +135,37 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
     assert np.median(colours) < 5
+
+
+def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
+    """Against every triangle for every ray (Moeller and Trumbore 1997), in float64."""
+    rng = np.random.default_rng(0)
+    grid = Grid(-1.0, 2.0, 1.5, 1.0, 0.05)
+    terrain = Terrain(
+        grid,
+        rng.normal(0, 0.06, grid.shape).astype(np.float32),
+        *np.zeros((2, *grid.shape), np.float32),
+    )
+    board = place_board(replace(SITES[0], x=-0.3, y=2.5), terrain, 0.05)
+    x, y = grid.axes()
+    points = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).astype(np.float64)
+    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, :-1], points[1:, 1:]
+    corners = [np.stack(three, axis=-2).reshape(-1, 3, 3) for three in ((a, b, d), (a, d, c))]
+    p, q, r = np.moveaxis(np.concatenate([*corners, board.outline[[[0, 2, 1], [0, 3, 2]]]]), 1, 0)
+    centre, rays = np.array([-0.4, 1.2, 0.9]), rng.uniform((-1, 0, -1), (1, 2, 0.3), (400, 3))
+    expected = np.zeros(len(rays))
+    for i, ray in enumerate(rays):
+        across = np.cross(ray, r - p)
+        scale = 1 / ((q - p) * across).sum(axis=1)
+        u = ((centre - p) * across).sum(axis=1) * scale
+        side = np.cross(centre - p, q - p)
+        v, t = side @ ray * scale, (side * (r - p)).sum(axis=1) * scale
+        expected[i] = min(t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)], default=0)
+    hits = RayCaster(terrain, (board,)).cast(centre, rays)
+    np.testing.assert_allclose(hits.depth, expected, rtol=5e-6)  # float32
+    assert (hits.cell >= 0).sum() > 20
+    assert (hits.board == 0).sum() > 5
+    assert ((hits.board < 0) & (hits.cell < 0)).sum() > 5
 
 
 # -- water ---------------------------------------------------------------------------------------------------

@@ -129,14 +129,6 @@ def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(tmp_p
     assert load(tmp_path, farthest_m=8.0).views[0].valid.sum() == 1
 
 
-def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
-    scene = load(write_site(tmp_path), image_scale=0.5)
-    view = scene.views[0]
-    assert view.camera.K.tolist() == [[25, 0, 10], [0, 25, 7.5], [0, 0, 1]]
-    assert view.rgb.shape == (15, 20, 3)
-    assert view.depth.shape == (15, 20)
-
-
 def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> None:
     write_site(tmp_path / "Satil", ("image_set_01", "image_set_02"))
     shutil.copytree(

@@ -9,7 +9,6 @@ import pytest
 from support.colmap_folder import write_image
 from support.command_line import hide
 
-import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 
@@ -54,13 +53,6 @@ def test_what_is_missing_is_said_before_any_work(
     (line,) = done.stderr.strip().splitlines()
     assert f"{place}: {hidden} is not installed; pip install 'sucre-bench[{extra}]'" in line
     assert not list(tmp_path.rglob("*.png"))
-
-
-def test_an_onnx_network_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    hide(monkeypatch, "onnxruntime")
-    scene = next(iter(sb.load_scenes("demo", views=2, width=64, height=48, root=tmp_path)))
-    with pytest.raises(InputError, match=r"pip install 'sucre-bench\[onnx\]'"):
-        sb.restore("onnx", scene, 0, model="network.onnx")
 
 
 def test_a_run_without_mlflow_and_torch_is_silent_about_them(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench import plugins
 from sucre_bench.metrics.water import Water, WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
@@ -77,10 +76,3 @@ def test_every_channel_of_every_parameter_passes_through(name: str, values: list
     found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
     np.testing.assert_array_equal([score.value for (score,) in found], values)
     assert all(score.region == "image" for (score,) in found)
-
-
-@pytest.mark.parametrize(
-    "name", ["water_parameters", "distance_variance", "chart_distance", "hue", "patch_colour"]
-)
-def test_what_describes_is_no_contest(name: str) -> None:
-    assert plugins.find("metric", name).better == "none"

@@ -1,5 +1,6 @@
 import io
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -69,21 +70,22 @@ def test_the_table_and_the_file_hold_every_variant(bench, folders, tmp_path: Pat
     assert "yang2015" in listed
 
 
-def test_an_unreadable_image_is_named_and_the_others_are_scored(bench, folders):
-    images, _ = folders
-    (images / "c.png").write_bytes(b"not a picture")
-    done = bench("score", str(images), "--metrics", "uciqe", "--format", "csv")
-    assert done.returncode == 1
-    assert "c.png: " in done.stderr
-    assert (scores(done.stdout)["metric"] == "uciqe").sum() == 2
-
-
-def test_a_missing_reference_is_named_and_the_others_are_scored(psnr, folders):
-    _, truth = folders
-    (truth / "a.png").unlink()
+@pytest.mark.parametrize(
+    ("of", "change", "named"),
+    [
+        ("images", lambda path: path.write_bytes(b"not a picture"), r"images/a\.png: "),
+        ("truth", Path.unlink, r"truth/a\.png: "),
+        ("truth", lambda path: cv2.imwrite(str(path), np.zeros((10, 10))), "96x64, .*10x10"),
+    ],
+    ids=["unreadable", "no reference", "of another size"],
+)
+def test_what_cannot_be_scored_is_named_and_the_others_are_scored(
+    psnr, folders, of: str, change: Callable[[Path], object], named: str
+):
+    change(folders[0].with_name(of) / "a.png")
     done = psnr("--format", "csv")
     assert done.returncode == 1
-    assert "truth/a.png: " in done.stderr
+    assert re.search(named, done.stderr)
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
 
 
@@ -138,14 +140,6 @@ def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_p
     )
     assert (done.returncode, done.stdout) == (1, "")
     assert all(named in done.stderr for named in ("demo/a.jpg", "reef/a.jpg", "--reference"))
-
-
-def test_a_reference_of_another_size_is_named(psnr, folders):
-    _, truth = folders
-    cv2.imwrite(str(truth / "a.png"), np.zeros((10, 10, 3), np.uint8))
-    done = psnr("--format", "csv")
-    assert done.returncode == 1
-    assert re.search(r"a\.png: 96x64, .*10x10", done.stderr)
 
 
 @pytest.mark.parametrize("of", [0, 1], ids=["picture", "reference"])

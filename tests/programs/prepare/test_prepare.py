@@ -332,7 +332,6 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     [
         (["--focal", "24"], "24 is not from 0.2 to 10 widths"),
         (["--focal", "nan"], "nan is not from"),
-        (["--focal", "-1"], "-1 is not from"),
         (["--focal", "1", "--model", "sparse"], "--model"),
     ],
 )
