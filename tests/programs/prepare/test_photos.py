@@ -223,6 +223,6 @@ def test_neighbours_together_see_all_parts_of_a_photo():
 def test_neighbours_see_the_ground_from_other_places_but_not_under_wide_angles():
     shots = make_shots(np.array([[0.0, 0, 0], [0.4, 0, 0], [0.001, 0, 0], [0, 0, 60]]))
     assert neighbours(shots, 1)[0] == [1]
-    assert 3 not in neighbours(shots, 3)[0]
+    assert neighbours(shots, 3)[0] == [1, 2]
     apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
     assert neighbours([apart, shots[1]], 3) == [[], []]
