@@ -93,7 +93,7 @@ def _keys(typed: str, words: Sequence[str]) -> Iterator[str]:
     from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 
     kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
-    given = configs.defaults() | dict(word.partition("=")[::2] for word in words)
+    given = configs.choices() | dict(word.partition("=")[::2] for word in words)
     chosen = {kind: given[kind].split(",") for kind in kinds}
     group, dot, _ = typed.rpartition(".")
     options = RunConfig.defaults()

@@ -36,15 +36,24 @@ if TYPE_CHECKING:
     default="config",
     help="The configuration to begin with, of your folder.",
 )
-@shared.flag(
-    "--cfg", help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both."
+@shared.option(
+    "--cfg",
+    "-c",
+    is_flag=False,
+    flag_value="job",
+    metavar="[job|hydra|all]",
+    help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both.",
 )
 @shared.option(
     "--package", "-p", default="", help="Print this part of the configuration, for example method."
 )
 @shared.flag("--resolve", help="Print the configuration with each ${...} filled in.")
-@shared.flag(
+@shared.option(
     "--info",
+    "-i",
+    is_flag=False,
+    flag_value="all",
+    metavar="[WHAT]",
     help="Print what Hydra composes of: --info config, defaults, searchpath, plugins or all.",
 )
 @shared.flag("--hydra-help", help="Print Hydra's own help and stop.")
@@ -190,8 +199,8 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
 def _show(
     words: Sequence[str],
     multirun: bool,
-    cfg: bool,
-    info: bool,
+    cfg: str | None,
+    info: str | None,
     hydra_help: bool,
     package: str,
     resolve: bool,
@@ -210,8 +219,10 @@ def _show(
         if cfg
         else ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
     )
-    kind = next((word for word in words if word in kinds), kinds[0])
-    words = [word for word in words if word != kind]
+    kind = cfg or info or ""
+    if kind not in kinds:  # an option without a value takes the word after it
+        words = [kind, *words]
+        kind = kinds[0]
     if hydra_help:
         parser = get_args_parser()
         app.hydra_help(

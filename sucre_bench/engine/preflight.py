@@ -473,7 +473,7 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
             ):
                 clashes.append(
                     f"{job.out}: '{choice.label}' would share a folder with '{other}'; "
-                    f"give another {_label_option(choice)}"
+                    f"give another {choice.label_option}"
                 )
         if job.overwrite == "always" or job.dataset.label not in options_of:
             continue
@@ -481,16 +481,11 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             clashes.append(
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
-                f"give another out=... or {_label_option(job.dataset)}"
+                f"give another out=... or {job.dataset.label_option}"
             )
         if of_method and of_method != {results.fingerprint(job.method.record)[1]}:
             clashes.append(
                 f"{job.out}: its '{job.method.label}' has other options; "
-                f"give another {_label_option(job.method)}, or overwrite=always"
+                f"give another {job.method.label_option}, or overwrite=always"
             )
     return clashes
-
-
-def _label_option(choice: Choice) -> str:
-    """The word that gives a method or dataset of a command another label."""
-    return f"{choice.word or choice.plugin.kind}.label=..."

@@ -58,8 +58,13 @@ class Asked:
     def choice(self, group: str) -> str:
         """Return what Hydra chooses of a group where no word does."""
         if self.config is None:
-            return configs.defaults()[group]
-        return str(self.config.hydra.runtime.choices[group])
+            choices = configs.choices()
+        else:
+            choices = self.config.hydra.runtime.choices
+        if group not in choices:
+            fault = f"the configuration '{configs.config_name()}' chooses no {group}"
+            raise InputError(fault, "--config-name", "begin its defaults list with `config`")
+        return str(choices[group])
 
 
 @contextlib.contextmanager

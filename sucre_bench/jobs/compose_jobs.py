@@ -231,9 +231,9 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):
-                of = "method" if other.dataset == job.dataset else "dataset"
+                choice = job.method if other.dataset == job.dataset else job.dataset
                 raise InputError(
-                    f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=..."
+                    f"two jobs of this sweep would both be '{name}'; tell them apart with {choice.label_option}"
                 )
             raise InputError(
                 f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options"

@@ -147,7 +147,8 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
                 kind, name.partition(":")[0], {*plugins.discover(kind), *preset_names(group)}
             )
         options = fault.options or preset_names(group)
-        return InputError(f"no {group} is called '{name}'", remedy=did_you_mean(name, options))
+        what = group or "configuration"
+        return InputError(f"no {what} is called '{name}'", remedy=did_you_mean(name, options))
     is_vague = not str(fault) or str(fault).startswith("Error merging override")
     text = first_line(fault.__cause__ or fault) if is_vague else first_line(fault)
     key = text.partition("'")[2].partition("'")[0]
@@ -193,15 +194,13 @@ def current(config: DictConfig) -> Iterator[None]:
         known.cfg = before
 
 
-def defaults(config: str = "") -> dict[str, str]:
-    """Return what the defaults list of a config chooses, by group; for a config that it names by its path, "".
+def choices() -> dict[str, str]:
+    """Return what the configuration that Hydra begins with, and those in its defaults list, choose of each group."""
+    from hydra.types import RunMode
 
-    config: by default the one that Hydra begins with. Nothing of it is imported.
-    """
-    found = loader().repository.load_config(config or config_name()).defaults_list
-    return {
-        getattr(one, "group", None) or one.path: str(getattr(one, "value", "")) for one in found
-    }
+    with faults_of_hydra(()):
+        found = loader().compute_defaults_list(config_name(), [], RunMode.RUN)
+    return {group: str(name) for group, name in found.overrides.known_choices.items()}
 
 
 def preset(group: str, name: str) -> dict[str, Any] | None:

@@ -261,6 +261,11 @@ class Choice:
         """What stands before an option of a method in any command: its name, or that of a preset."""
         return self.plugin.name if self.word in ("", "method") else self.word
 
+    @property
+    def label_option(self) -> str:
+        """The word of a command that gives it another label."""
+        return f"{self.word or self.plugin.kind}.label=..."
+
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
         the command that installs them, where packages are missing that it requires.

@@ -363,3 +363,37 @@ def test_every_dataset_of_files_can_be_recognised():
     ]
     own = [plugin for plugin in known if plugin.cls.__module__.startswith("sucre_bench.")]
     assert {plugin.name for plugin in own if not plugin.signs} == {"demo", "nature"}
+
+
+def test_a_primary_config_of_the_user_begins_with_ours(bench, tmp_path: Path):
+    """As Hydra's users write it; with each form of --cfg that Hydra's own programs take."""
+    for name, text in {
+        "mine": "defaults: [config, {override method: gray_world}, _self_]\nevery: 8",
+        "empty": "",
+        "cut": "a: [",
+        "unknown": "defaults: [config, _self_]\nevry: 8",
+    }.items():
+        (tmp_path / f"{name}.yaml").write_text(text)
+    words = ("run", "-cd", ".", "--config-name")
+    for cfg in (["--cfg", "job"], ["--cfg=job"], ["-c", "job"], ["--cfg"]):
+        shown = yaml.safe_load(bench(*words, "mine", *cfg).stdout)
+        assert (shown["method"]["name"], shown["every"]) == ("gray_world", 8)
+    for name, told in (
+        ("nowhere", "mine"),
+        ("empty", "config"),
+        ("cut", "YAML"),
+        ("unknown", "every"),
+    ):
+        done = bench(*words, name, "dataset=demo", "--dry-run")
+        assert (done.returncode, len(done.errors)) == (2, 1)
+        assert told in names(done.stderr)
+
+
+def test_two_presets_of_one_plugin_are_told_apart_by_the_names_that_were_typed(bench, tmp_path):
+    (tmp_path / "method").mkdir()
+    (tmp_path / "method/weak.yaml").write_text("defaults: [red_compensation]\nstrength: 0.1")
+    words = ("run", "-cd", ".", "-m", "dataset=demo", "method=red_compensation,weak", "--cfg")
+    done = bench(*words)
+    assert done.returncode == 2
+    assert "weak.label" in done.errors[0]
+    assert bench(*words, "weak.label=weak").returncode == 0
