@@ -405,6 +405,6 @@ def view_of_each(photographs: Mapping[str, Path], views: Collection[str]) -> dic
     found = {}
     for name in photographs:
         undistorted = (f"{name}.png", PurePosixPath(name).with_suffix(".png").as_posix())
-        if view := next((one for one in (*undistorted, name) if one in views), ""):
+        if view := next((one for one in (name, *undistorted) if one in views), ""):
             found[view] = name
     return found

@@ -48,33 +48,35 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
     tmp_path: Path, bench: Bench
 ):
     photos, out = tmp_path / "photos", tmp_path / "out"
-    write_image(photos / "day 1/a.JPG", seabed(0))
-    write_image(photos / "day 1/a.png", (seabed(1).astype(np.uint16) << 8) + 7)
-    write_image(photos / "b\n1.tif", seabed(2))
-    (photos / "c.jpg").write_bytes((photos / "day 1/a.JPG").read_bytes()[:600])
+    write_image(photos / "day\n1/a.JPG", seabed(0))
+    write_image(photos / "day\n1/a.png", (seabed(1).astype(np.uint16) << 8) + 7)
+    write_image(photos / "day\n1/a.tif", seabed(2))
+    (photos / "c.jpg").write_bytes((photos / "day\n1/a.JPG").read_bytes()[:600])
     before = contents(photos)
     done = bench("restore", "photos", "out", "--method", "gray_world")
     assert done.returncode == 1
     assert "c.jpg" in done.stdout
     assert "3 of 4 pictures" in done.stdout
     made = contents(out / "pictures")
-    assert sorted(made) == ["b\n1.tif", "day 1/a.JPG", "day 1/a.png"]
-    for name, form in (("b\n1.tif", "TIFF"), ("day 1/a.JPG", "JPEG"), ("day 1/a.png", "PNG")):
+    assert sorted(made) == ["day\n1/a.JPG", "day\n1/a.png", "day\n1/a.tif"]
+    for name, form in (("day\n1/a.tif", "TIFF"), ("day\n1/a.JPG", "JPEG"), ("day\n1/a.png", "PNG")):
         with Image.open(out / "pictures" / name) as image:
             assert (image.format, image.size) == (form, (80, 60))
-    deep = cv2.imread(str(out / "pictures/day 1/a.png"), cv2.IMREAD_UNCHANGED)
+    deep = cv2.imread(str(out / "pictures/day\n1/a.png"), cv2.IMREAD_UNCHANGED)
     assert deep.dtype == np.uint16
     assert len(np.unique(deep)) > 256
-    means = cv2.imread(str(out / "pictures/b\n1.tif")).mean(axis=(0, 1))
+    means = cv2.imread(str(out / "pictures/day\n1/a.tif")).mean(axis=(0, 1))
     assert np.ptp(means) < 2, "the photographs are blue, a gray world is not"
     with Image.open(out / "contact-sheet.jpg") as sheet:
         assert sheet.width > 600
     assert contents(photos) == before
 
     times = {
-        name: (out / "pictures" / name).stat().st_mtime_ns for name in made if name != "b\n1.tif"
+        name: (out / "pictures" / name).stat().st_mtime_ns
+        for name in made
+        if name != "day\n1/a.tif"
     }
-    (out / "pictures/b\n1.tif").unlink()
+    (out / "pictures/day\n1/a.tif").unlink()
     assert bench("restore", "photos", "out", "--method", "gray_world").returncode == 1
     assert {name: (out / "pictures" / name).stat().st_mtime_ns for name in times} == times, (
         "nothing is done twice"
