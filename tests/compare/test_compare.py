@@ -3,39 +3,14 @@ import re
 from dataclasses import astuple, replace
 
 import numpy as np
-import pandas as pd
 import pytest
+from support.made_rows import ROW, rows_of, table
 
 from sucre_bench import InputError, compare
 from sucre_bench.compare.words import left_out
 from sucre_bench.results.rows import Row, frame, replicated
 
 pytestmark = pytest.mark.short
-
-ROW = Row(
-    dataset="sea", scene="reef", view="a", method="m", options="{}", options_id="o", metric="psnr", variant="masked",
-    region="image", value=1.0, unit="dB", better="higher", n_pixels=4, coverage=1.0, status="ok", reason="",
-    seconds=1.0, peak_mb=2.0, device="cpu", seed=0, code="c", data_id="d", time="2026-01-01",
-)  # fmt: skip
-
-
-def rows_of(scores: dict[str, list[float | None]], **kind: str) -> pd.DataFrame:
-    """Rows of methods whose values by view are given; None is a failed view."""
-    rows = [
-        replace(
-            ROW, method=method, view=f"v{view:03}", value=np.nan if value is None else value,
-            status="failed" if value is None else "ok", time=f"2026-01-0{order + 1}", **kind,
-        )
-        for order, (method, values) in enumerate(scores.items())
-        for view, value in enumerate(values)
-    ]  # fmt: skip
-    return frame(rows)
-
-
-def table(scores: dict[str, list[float | None]], **kind: str) -> compare.Comparison:
-    """A comparison of methods whose values by view are given; None is a failed view."""
-    (comparison,) = compare.compare(rows_of(scores, **kind))
-    return comparison
 
 
 def cells(comparison: compare.Comparison) -> dict[str, compare.Cell]:

@@ -12,47 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
+from support.made_rows import ROW, table
 
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_table
 from sucre_bench.compare.words import legend, number, verdict_text
-from sucre_bench.results.rows import Row, frame
-
-ROW = Row(
-    dataset="sea",
-    scene="reef",
-    metric="psnr",
-    variant="masked",
-    unit="dB",
-    better="higher",
-    data_id="d",
-    # without poses, views are no track
-    options=json.dumps({"dataset": {"name": "photos"}}),
-)
-
-
-def table(
-    scores: dict[str, list[float | None]], baseline: str = "", **kind: str
-) -> compare.Comparison:
-    """A comparison of methods whose values by view are given; None is a failed view."""
-    rows = [
-        replace(
-            ROW,
-            method=method,
-            view=f"v{view:03}",
-            value=np.nan,
-            status="failed",
-            reason="boom",
-            **kind,
-        )
-        if value is None
-        else replace(ROW, method=method, view=f"v{view:03}", value=value, **kind)
-        for method, values in scores.items()
-        for view, value in enumerate(values)
-    ]
-    (comparison,) = compare.compare(frame(rows), order=list(scores), baseline=baseline)
-    return comparison
+from sucre_bench.results.rows import frame
 
 
 def terminal(comparison: compare.Comparison, colours: bool = False, spread: bool = False) -> str:

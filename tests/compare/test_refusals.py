@@ -5,22 +5,13 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from support.made_rows import ROW
 
 from sucre_bench import compare
 from sucre_bench.cli import cli
 from sucre_bench.compare.choose_rows import NotComparableError
 from sucre_bench.compare.words import left_out
 from sucre_bench.results.rows import Row, frame, replicated
-
-ROW = Row(
-    dataset="sea",
-    scene="reef",
-    metric="psnr",
-    variant="masked",
-    value=1.0,
-    better="higher",
-    data_id="d",
-)
 
 
 def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:

@@ -137,21 +137,6 @@ def test_scenes_decodes_no_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 # -- images ------------------------------------------------------------------------------------------------
 
 
-def test_gray_is_repeated_and_transparency_dropped(tmp_path: Path) -> None:
-    write_dive(tmp_path)
-    values = picture(0)
-    write_image(tmp_path / "images" / "a.png", values[..., 0])
-    alpha = np.full((HEIGHT, WIDTH, 1), 7, np.uint8)
-    cv2.imwrite(
-        str(tmp_path / "images" / "b.png"), np.concatenate([values[..., ::-1], alpha], axis=-1)
-    )
-    scene = load(tmp_path)
-    np.testing.assert_allclose(
-        scene["a.png"].rgb, np.repeat(values[..., :1], 3, axis=-1) / 255, atol=1e-6
-    )
-    np.testing.assert_allclose(scene["b.png"].rgb, values / 255, atol=1e-6)
-
-
 def test_references_and_the_encoding_are_handed_on(tmp_path: Path) -> None:
     write_dive(tmp_path)
     write_image(tmp_path / "reference" / "b.png", picture(9))

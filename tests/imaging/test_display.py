@@ -123,20 +123,10 @@ def test_they_are_numpys_of_every_channel(dtype: type) -> None:
         expected = np.percentile(image.reshape(-1, 3).astype(np.float64), Q, axis=0)
         np.testing.assert_allclose(channel_percentiles(image, Q), expected, rtol=1e-13, atol=1e-13)
         expected = np.percentile(image[valid].astype(np.float64), Q, axis=0)
+        image[~valid] = np.nan  # what does not count may hold anything
         np.testing.assert_allclose(
             channel_percentiles(image, Q, valid), expected, rtol=1e-13, atol=1e-13
         )
-
-
-def test_pixels_that_do_not_count_may_hold_anything() -> None:
-    image = np.random.default_rng(2).random((20, 20, 3)).astype(np.float32)
-    valid = np.ones((20, 20), bool)
-    valid[3:9] = False
-    holed = image.copy()
-    holed[3:9] = np.nan
-    np.testing.assert_array_equal(
-        channel_percentiles(holed, Q, valid), channel_percentiles(image[valid], Q)
-    )
 
 
 CALLS: list[float] = []

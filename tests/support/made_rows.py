@@ -1,0 +1,46 @@
+"""Rows of scores that a test knows beforehand, and their comparison."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from sucre_bench import compare
+from sucre_bench.results.rows import Row, frame
+
+ROW = Row(
+    dataset="sea",
+    scene="reef",
+    view="a",
+    method="m",
+    metric="psnr",
+    variant="masked",
+    value=1.0,
+    unit="dB",
+    better="higher",
+    data_id="d",
+    time="2026-01-01",
+    # without poses, views are no track
+    options=json.dumps({"dataset": {"name": "photos"}}),
+)
+
+
+def rows_of(scores: dict[str, list[float | None]], **kind: str) -> pd.DataFrame:
+    """Rows of methods whose values by view are given; None is a failed view."""
+    rows = []
+    for method, values in scores.items():
+        for view, value in enumerate(values):
+            row = replace(ROW, method=method, view=f"v{view:03}", **kind)
+            failed = replace(row, value=np.nan, status="failed", reason="boom")
+            rows.append(failed if value is None else replace(row, value=value))
+    return frame(rows)
+
+
+def table(
+    scores: dict[str, list[float | None]], baseline: str = "", **kind: str
+) -> compare.Comparison:
+    """The comparison of these rows, methods in the order of `scores`."""
+    rows = rows_of(scores, **kind)
+    (comparison,) = compare.compare(rows, order=list(scores), baseline=baseline)
+    return comparison
