@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from support.bent_rays import bent
 from support.miniatures import (
     BOTH,
     HEIGHT,
@@ -49,20 +50,10 @@ LENSES: dict[str, dict[str, Any]] = {
 def photographed(x: float, y: float, lens: dict[str, Any]) -> np.ndarray:
     """Where the lens images the ray (x, y, 1): pixels with centres at +0.5."""
     k, p = [lens.get(f"k{i}", 0.0) for i in range(1, 5)], [lens.get(f"p{i}", 0.0) for i in (1, 2)]
-    r = np.hypot(x, y)
-    if "FISHEYE" in lens["camera_model"]:
-        t = np.arctan(r)
-        x, y = (
-            v * t / r * (1 + k[0] * t**2 + k[1] * t**4 + k[2] * t**6 + k[3] * t**8) for v in (x, y)
-        )
-    else:
-        radial = 1 + k[0] * r**2 + k[1] * r**4 + k[2] * r**6 + k[3] * r**8
-        x, y = (
-            x * radial + 2 * p[0] * x * y + p[1] * (r**2 + 2 * x**2),
-            y * radial + p[0] * (r**2 + 2 * y**2) + 2 * p[1] * x * y,
-        )
-    return np.array(
-        [INTRINSICS["fl_x"] * x + INTRINSICS["cx"], INTRINSICS["fl_y"] * y + INTRINSICS["cy"]]
+    at = bent(x, y, "FISHEYE" in lens["camera_model"], k, p)
+    return np.array(at) * (INTRINSICS["fl_x"], INTRINSICS["fl_y"]) + (
+        INTRINSICS["cx"],
+        INTRINSICS["cy"],
     )
 
 

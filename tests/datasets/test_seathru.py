@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace, TracebackType
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -201,46 +202,13 @@ def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Pa
 # -- raw files ---------------------------------------------------------------------------------------------
 
 
-class Raw:
-    """What rawpy makes of a file, in miniature; keeps how it was asked to."""
-
-    sizes = SimpleNamespace(width=WIDTH, height=HEIGHT)
-    asked: dict[str, Any] = {}
-
-    def __enter__(self) -> Raw:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        pass
-
-    def postprocess(self, **asked: Any) -> np.ndarray:
-        Raw.asked = asked
-        return picture16(5)
-
-
 @pytest.fixture
-def rawpy(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    class LibRawError(Exception):
-        pass
-
-    def imread(path: str) -> Raw:
-        if Path(path).read_bytes() != b"raw":
-            raise LibRawError("Unsupported file format")
-        return Raw()
-
-    module = ModuleType("rawpy")
-    spaces, demosaics = (
-        SimpleNamespace(raw="camera", sRGB="srgb"),
-        SimpleNamespace(LINEAR="bilinear"),
-    )
-    vars(module).update(
-        imread=imread, LibRawError=LibRawError, ColorSpace=spaces, DemosaicAlgorithm=demosaics
-    )
+def rawpy(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What rawpy makes of a file, in miniature."""
+    module = MagicMock(LibRawError=type("LibRawError", (Exception,), {}))
+    raw = module.imread.return_value.__enter__.return_value
+    raw.sizes = SimpleNamespace(width=WIDTH, height=HEIGHT)
+    raw.postprocess.return_value = picture16(5)
     monkeypatch.setitem(sys.modules, "rawpy", module)
     return module
 
@@ -254,7 +222,7 @@ def write_raw(place: Path) -> Path:
     return place
 
 
-def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: ModuleType) -> None:
+def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: Any) -> None:
     scene = load(write_raw(tmp_path / "3585_3685"))
     assert (scene.name, scene.views[0].name, scene.views[0].encoding) == (
         "3585_3685",
@@ -262,18 +230,15 @@ def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: 
         "linear",
     )
     np.testing.assert_array_equal(np.rint(scene.views[0].rgb * 65535), picture16(5))
-    assert Raw.asked["user_wb"] == [1, 1, 1, 1]
-    assert (Raw.asked["gamma"], Raw.asked["output_bps"], Raw.asked["output_color"]) == (
-        (1, 1),
-        16,
-        "camera",
-    )
-    assert (Raw.asked["no_auto_bright"], Raw.asked["adjust_maximum_thr"]) == (True, 0)
+    asked = rawpy.imread.return_value.__enter__.return_value.postprocess.call_args.kwargs
+    assert (asked["user_wb"], asked["gamma"], asked["output_bps"]) == ([1, 1, 1, 1], (1, 1), 16)
+    assert asked["output_color"] is rawpy.ColorSpace.raw
+    assert (asked["no_auto_bright"], asked["adjust_maximum_thr"]) == (True, 0)
     assert scene.views[0].depth[39, 59] == 22
     half: Array = load(tmp_path, image_scale=0.5).views[0].rgb
     assert half.shape == (20, 30, 3)
     assert half[0, 0, 0] == pytest.approx(picture16(5)[:2, :2, 0].mean() / 65535, abs=1e-5)
-    (tmp_path / "3585_3685/Raw/T_S02.ARW").write_bytes(b"cut")
+    rawpy.imread.side_effect = rawpy.LibRawError("Unsupported file format")
     with pytest.raises(InputError, match=r"T_S02\.ARW: .*Unsupported"):
         _ = load(tmp_path).views[1].rgb
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.bent_rays import bent
 from support.colmap_folder import FORWARD, to_binary, write_image, write_model
 
 from sucre_bench import Camera, InputError
@@ -19,20 +20,10 @@ FISHEYE = (-0.03, 0.02, -0.01, 0.004)
 
 
 def project(points: np.ndarray, model: str, k: tuple[float, ...]) -> np.ndarray:
-    """Where the lens images points at unit depth (P, 2), in pixels with centres at +0.5: the published formulas."""
-    x, y = points.T
-    r2 = x**2 + y**2
-    if model == "fisheye":  # Kannala & Brandt: the angle from the axis is bent
-        r = np.sqrt(r2)
-        angle = np.arctan(r)
-        bent = angle * (1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8)
-        x, y = x * bent / r, y * bent / r
-    else:
-        radial = 1 + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3
-        x, y = (
-            x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x**2),
-            y * radial + k[2] * (r2 + 2 * y**2) + 2 * k[3] * x * y,
-        )
+    """Where the lens images points at unit depth (P, 2), in pixels with centres at +0.5."""
+    is_fisheye = model == "fisheye"
+    radial, p = (k, ()) if is_fisheye else ((k[0], k[1], k[4], 0.0), k[2:4])
+    x, y = bent(*points.T, is_fisheye, radial, p)
     K = CAMERA.K
     return np.stack([K[0, 0] * x + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 

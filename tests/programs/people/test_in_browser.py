@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.browser import Browser
-from support.command_line import run_here
+from support.command_line import run_here, succeeded
 from support.places import TOYS
 
 STATE = "JSON.parse(Object.values(localStorage)[0])"
@@ -47,8 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
         ("study", "results", *asked),
     ):
-        done = run_here(place, *words)
-        assert done.returncode == 0, done.stderr
+        succeeded(place, *words)
     return place
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.command_line import registry, run, run_here
+from support.command_line import registry, run, succeeded
 from support.places import TOYS
 
 from sucre_bench import plugins, results
@@ -22,8 +22,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with plugins.using(registry(TOYS)):
         for label, gain in (("bright", 1.0), ("dark", 0.4)):
             run(place / "results", f"method.gain={gain}", f"method.label={label}")
-    done = run_here(place, "study", "results", "--methods", "bright,dark", "--out", "study.html")
-    assert done.returncode == 0, done.stderr
+    succeeded(place, "study", "results", "--methods", "bright,dark", "--out", "study.html")
     return place
 
 
