@@ -99,6 +99,10 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
                 values = [parser.parse_override(f"{key}={one}").value() for one in each]
         except HydraException as fault:
+            if key and re.fullmatch(r"""\[[^]['"]+\]""", typed):
+                names = [name.strip() for name in typed[1:-1].split(",")]
+                remedy = f"write {shell([f'{key}={value_of(names)}'])}"
+                raise InputError("special characters need quotes", text, remedy) from fault
             if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
                 remedy = f'write "{key}={quoted(typed)}", both kinds'
                 function = re.search("Unknown function '(.+)'\nAvailable: (.+)", str(fault))

@@ -170,6 +170,8 @@ def typed(annotation: Any, value: Any) -> Any:
         return float(value)
     if fits(value, annotation):
         return value
+    if value == "None" and type(None) in kinds:  # the word of Python, which messages have
+        return None
     for kind in (int, float):
         with contextlib.suppress(ValueError):
             if kind in kinds and isinstance(value, str):

@@ -168,6 +168,11 @@ def test_glob_means_all_that_need_nothing_and_names_the_others(capsys: pytest.Ca
 def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
     assert jobs("views=[v0.png,v2.png]").jobs[0].views == ("v0.png", "v2.png")
     assert jobs("views=v1.png").jobs[0].views == ("v1.png",)
+    assert jobs("first=None").jobs[0].first is jobs("first=null").jobs[0].first is None
+    with pytest.raises(InputError) as fault:
+        jobs("views=[v0.png,dive ü (1).png]")
+    (word,) = shlex.split(fault.value.remedy.removeprefix("write "))
+    assert jobs(word).jobs[0].views == ("v0.png", "dive ü (1).png")
     listed = tmp_path / "views.txt"
     listed.write_text("v2.png\n\nv0.png\n")
     (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00")
