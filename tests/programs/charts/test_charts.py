@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.colmap_folder import write_image
+from support.colmap_folder import write_image, write_model
 from support.made_scene import TILTED, make_camera, make_pose, painted
 from support.messages import names
 
@@ -289,21 +289,18 @@ def test_a_wrong_chart_is_refused_and_nothing_is_written(
 def write_scene(root: Path) -> None:
     """Two views of the board as the colmap dataset reads them, the chart marked in the first."""
     views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
-    lines, marked = [], {}
-    for number, view in enumerate(views, 1):
-        x, y, z = view.cam_from_world[:3, 3]
-        lines += [f"{number} 1 0 0 0 {x} {y} {z} 1 {view.name}", ""]
+    (root / "depths").mkdir()
+    for view in views:
         write_image(root / "images" / view.name, np.rint(view.rgb * 255).astype(np.uint8))
-        (root / "depths").mkdir(exist_ok=True)
         np.save(root / "depths" / f"depth_{view.name[0]}.npy", view.depth)
-        marked |= {view.name: {c.name: c.corners.tolist() for c in view.charts}}
     K = make_camera(240, 180, 260).K
-    (root / "sparse").mkdir()
-    (root / "sparse" / "cameras.txt").write_text(
-        f"1 PINHOLE 240 180 {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
+    write_model(
+        root / "sparse",
+        [(view.name, (1, 0, 0, 0, *view.cam_from_world[:3, 3].tolist()), 1) for view in views],
+        [f"1 PINHOLE 240 180 {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}"],
     )
-    (root / "sparse" / "images.txt").write_text("\n".join(lines))
-    (root / "sparse" / "points3D.txt").write_text("")
+    (chart,) = views[0].charts
+    marked = {"a.png": {chart.name: chart.corners.tolist()}}
     (root / "charts.json").write_text(json.dumps({"images": marked}))
 
 
@@ -332,14 +329,11 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
 
 def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    dgk, rows = chart_kind("dgk"), []
-    for patch in dgk.patches:
-        x0, y0, x1, y1 = np.array(patch.box) * [60, 40, 60, 40]
-        rgb = np.array(patch.srgb) * 255
-        rows.append(
-            ",".join([patch.name, *(f"{v:.3f}" for v in (x0, y0, x1, y1, *patch.lab, *rgb))])
-        )
-    own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b,R,G,B", *rows]
+    rows = []
+    for patch in chart_kind("dgk").patches:
+        numbers = *(np.array(patch.box) * [60, 40, 60, 40]), *patch.lab
+        rows.append(",".join([patch.name, *(f"{v:.3f}" for v in numbers)]))
+    own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b", *rows]
     (tmp_path / "own.csv").write_text("\n".join(own))
     marked = json.loads((tmp_path / "charts.json").read_text())
     (tmp_path / "charts.json").write_text(json.dumps({"kind": "own.csv", **marked}))
