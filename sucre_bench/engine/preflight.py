@@ -452,21 +452,18 @@ def _made(choice: Choice, out: Path) -> Any:
 def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
     clashes = []
-    scenes_of: dict[str, set[str]] = {}  # of each dataset
-    options_of: dict[str, dict[str, set[str]]] = {}  # of each dataset and method
-    names = ["dataset", "method", "scene", "options_id", "status"]
-    for dataset, method, scene, options_id, status in (
-        rows[names].drop_duplicates().itertuples(index=False)
-    ):
-        options = options_of.setdefault(dataset, {}).setdefault(method, set())
-        if scene:
-            scenes_of.setdefault(dataset, set()).add(results.unreplicated(scene)[0])
-            # what failed may be tried another way
-            options |= {options_id} if status != "failed" else set()
+    known = rows[["dataset", "method", "scene", "options_id", "status"]].drop_duplicates()
+    by_dataset = known.groupby("dataset")
+    methods_of = by_dataset["method"].unique().to_dict()
+    scenes_of = by_dataset["scene"].unique().to_dict()
+    # what failed may be tried another way
+    worked = known[known["status"] != "failed"]
+    options_of = worked.groupby(["dataset", "method"])["options_id"].agg(set).to_dict()
     for plan in planned:
         job = plan.job
-        methods = options_of.get(job.dataset.label, {})
-        for choice, labels in ((job.dataset, options_of), (job.method, methods)):
+        dataset = job.dataset.label
+        methods = methods_of.get(dataset, ())
+        for choice, labels in ((job.dataset, methods_of), (job.method, methods)):
             folder = as_one_file(choice.label)
             for other in sorted(
                 o for o in labels if choice.label not in labels and as_one_file(o) == folder
@@ -475,15 +472,16 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
                     f"{job.out}: '{choice.label}' would share a folder with '{other}'; "
                     f"give another {choice.label_option}"
                 )
-        if job.overwrite == "always" or job.dataset.label not in options_of:
+        if job.overwrite == "always":
             continue
-        scenes, of_method = scenes_of.get(job.dataset.label, set()), methods.get(job.method.label)
+        scenes = {results.unreplicated(scene)[0] for scene in scenes_of.get(dataset, ()) if scene}
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             clashes.append(
-                f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
+                f"{job.out}: its '{dataset}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 f"give another out=... or {job.dataset.label_option}"
             )
-        if of_method and of_method != {results.fingerprint(job.method.record)[1]}:
+        options_ids = options_of.get(plan.labels)
+        if options_ids and options_ids != {results.fingerprint(job.method.record)[1]}:
             clashes.append(
                 f"{job.out}: its '{job.method.label}' has other options; "
                 f"give another {job.method.label_option}, or overwrite=always"

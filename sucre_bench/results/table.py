@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,7 +53,6 @@ TABLE = "scores.parquet"
 PARTS = "parts"
 FLUSH_S = 1.0
 _JOINED = 8  # files at a time
-_SCARCE_BYTES = 100_000_000  # on a disk with less room, rows are written at once
 _ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 # -- reading -----------------------------------------------------------------------------------------------
@@ -290,12 +288,7 @@ class Part:
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
         self._pending.extend(rows)
-        is_scarce = False
-        with suppress(OSError):  # no folder yet
-            disk = os.statvfs(self._folder.parent)
-            is_scarce = disk.f_bavail * disk.f_frsize < _SCARCE_BYTES
-        if is_scarce or time.monotonic() - self._written >= self._flush_s:
-            # a full disk would take no row that waits
+        if time.monotonic() - self._written >= self._flush_s:
             self.flush()
 
     def flush(self) -> None:
