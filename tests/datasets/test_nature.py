@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from support.two_views import carried
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import distance_map
@@ -47,19 +48,11 @@ def test_the_photograph_is_the_reference_in_the_stated_water(exact: Nature):
 
 
 def test_points_of_one_view_lie_where_another_sees_them(exact: Nature):
-    """Depth and poses agree: a point's distance from the next camera is what that view's depth map has."""
+    """Depth and poses agree: a point's depth from the next camera is what that view's depth map has."""
     first, second = scene_of(exact).views[1:3]
-    inverse = np.linalg.inv(first.camera.K)
-    v, u = np.mgrid[: first.camera.height, : first.camera.width] + 0.5
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ inverse.T
-    in_first = (rays * first.depth[..., None])[first.valid]
-    to_second = second.cam_from_world @ np.linalg.inv(first.cam_from_world)
-    there = in_first @ to_second[:3, :3].T + to_second[:3, 3]
-    x, y = (there @ second.camera.K.T)[:, :2].T / there[:, 2]
-    inside = (x > 0) & (y > 0) & (x < second.camera.width) & (y < second.camera.height)
-    assert inside.sum() > 300
-    found = second.depth[y[inside].astype(int), x[inside].astype(int)]
-    assert np.median(np.abs(found / there[inside, 2] - 1)) < 0.02
+    _, there, z = carried(first, second)
+    assert len(z) > 300
+    assert np.median(np.abs(second.depth[there] / z - 1)) < 0.02
 
 
 def test_equal_options_make_equal_scenes_and_a_stored_scene_is_read(root: Path, tmp_path: Path):
