@@ -93,6 +93,14 @@ def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> 
     assert found[0]["largest"] < 1e-9
 
 
+def test_numbers_that_no_variant_gives_are_said_to_be_none(like: Bench, folder: Path) -> None:
+    values = scores(folder, "uciqe:matlab")
+    rows = [(name, value * 1.02) for name, value in values.items()]
+    found = matches(like("image,uciqe", rows, *FEW))["uciqe"]
+    assert found[0]["variant"] == "matlab"
+    assert not any(record["fits"] for record in found)
+
+
 def test_a_column_that_needs_references_asks_for_them(like: Bench) -> None:
     done = like("image,PSNR (dB)", [("ours/0.png", 20), ("ours/1.png", 21)])
     assert done.returncode == 2

@@ -277,6 +277,15 @@ def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> Non
     assert str(result.exception).startswith("describe: ")
 
 
+def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:
+    views = list(make_scene().views)
+    views[1] = replace(
+        views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32))
+    )
+    (fault,) = [fault for fault in found(views) if fault.kind == "file"]
+    assert re.search("60x20, .*60x44", fault.what)
+
+
 Bench = Callable[..., Done]
 
 
@@ -291,6 +300,12 @@ def spread(*heights_m: float) -> Spread:
 )
 def test_the_ratio_is_that_of_the_heights(heights_m: tuple[float, ...], ratio: float) -> None:
     assert spread(*heights_m).ratio == pytest.approx(ratio, rel=0.1)
+
+
+def test_one_height_over_flat_ground_cannot_measure_the_water() -> None:
+    assert "cannot be measured" in spread(3, 3, 3).sentence()
+    assert "dive_gray_world" in spread(3, 3, 3).sentence()
+    assert "can measure" in spread(2, 3, 4).sentence()
 
 
 def test_views_apart_and_a_single_view() -> None:
