@@ -49,6 +49,9 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
     assert set(rows["metric"]) == {"psnr", "redness", "seconds", "peak_mb"}
     assert (rows["status"] == "ok").all()
     assert not (out / "parts").exists()
+    # of a folder that was copied in part
+    (out / "environment.json").unlink()
+    assert run(out, "save=full").cached == 3
 
 
 @pytest.mark.parametrize(
