@@ -136,8 +136,7 @@ def _named_metrics(job: Job) -> Sequence[str]:
     """The metrics that the command or its study names; none if the command takes those of every run."""
     if job.study is not None and job.study.metrics:
         return job.study.metrics
-    usual = configs.preset("metrics", "default") or {}
-    if usual.keys() <= {metric.plugin.name for metric in job.metrics}:
+    if configs.metrics_of_every_run() <= {metric.plugin.name for metric in job.metrics}:
         return ()
     return [
         f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants

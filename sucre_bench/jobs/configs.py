@@ -196,11 +196,24 @@ def current(config: DictConfig) -> Iterator[None]:
 
 def choices() -> dict[str, str]:
     """Return what the configuration that Hydra begins with, and those in its defaults list, choose of each group."""
+    return _choices(_places.get(), config_name())
+
+
+@functools.cache
+def _choices(places: tuple[str, ...], name: str) -> dict[str, str]:
     from hydra.types import RunMode
 
+    is_ours = not places and name == "config"
+    without_metrics = ["metrics=[]"] if is_ours else []  # Hydra would import each
     with faults_of_hydra(()):
-        found = loader().compute_defaults_list(config_name(), [], RunMode.RUN)
+        found = loader().compute_defaults_list(name, without_metrics, RunMode.RUN)
     return {group: str(name) for group, name in found.overrides.known_choices.items()}
+
+
+def metrics_of_every_run() -> set[str]:
+    """Return the names in the defaults list of conf/metrics/default. Nothing of it is imported."""
+    found = loader().repository.load_config("metrics/default").defaults_list
+    return {one.path.partition(":")[0] for one in found} - {"_self_"}
 
 
 def preset(group: str, name: str) -> dict[str, Any] | None:
