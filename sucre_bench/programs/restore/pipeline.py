@@ -73,11 +73,11 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tu
                 word,
                 f"give one, for example {name}=4",
             )
-    options = tuple(word for word in words if word not in where)
+    options = tuple(word.lstrip("+") for word in words if word not in where)
     for word in options:
         owner, dot, _ = word.partition("=")[0].partition(".")
         if not dot or owner not in ("dataset", "method", method):
-            remedy = f"give options of the dataset or the method, for example {method}.fill=false, or workers=4"
+            remedy = f"give options of the dataset or the method, for example {method}.display=none, or workers=4"
             raise InputError("is no option of the dataset or the method", word, remedy)
         place = word.partition("=")[0]
         name = place.partition(".")[2]

@@ -213,7 +213,7 @@ def test_out_of_other_photographs_is_refused_and_other_options_write_again(
     words = ("restore", "photos", "out", "--method", "gray_world")
     assert bench(*words, "--quality", "40").returncode == 0
     assert len(contents(tmp_path / "out/pictures")["a.jpg"]) < len(first["a.jpg"])
-    assert bench(*words, "method.display=white-50").returncode == 0
+    assert bench(*words, "+method.display=white-50").returncode == 0
     shown = cv2.imread(str(tmp_path / "out/pictures/a.jpg"))
     assert (shown > 250).mean() > 0.3, "an option of the method counts for single photographs"
 
