@@ -57,6 +57,13 @@ def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(
     assert {"psnr:", "reference,", "colmap"} <= set(line.split())
 
 
+def test_a_view_without_depth_is_skipped_by_what_needs_it(bench, dive: Path):
+    (dive / "depths" / "depth_b.png").unlink()
+    done = run(bench, dive, METHODS)
+    assert "skipped  colmap / stitching / b.png: " in done.stdout
+    assert "5 ok, 0 failed, 1 skipped" in done.stdout
+
+
 def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_path: Path):
     run(bench, dive)
     other = write_dive(tmp_path / "other", NAMES)
