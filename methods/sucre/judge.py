@@ -14,11 +14,11 @@ Every second view of the dive is one half. Each model is fitted to one half, and
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is not more than the
 photograph's. The admissible model of the least held-out error leads; of those within 5 %, the one that stands first in
 `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of light. It
-must predict better than the first steps of the paper's Adam, or these are taken: they stop near their start, which no
-real dive has proved wrong, so drift, which sees differences of the ground too, does not rule them out. If neither is
-5 % better than no water, or than the light of the chosen model without its water, the photograph stays: a lamp can
-explain views alone. Each measure is the median over the targets. docs/supplement.md has the tables of real dives and of
-made seas behind this rule.
+must predict better than the first steps of the paper's Adam, or these are taken: drift, which sees differences of the
+ground too, does not rule them out. They stop near their start, so they must predict 5 % better than it does: a start
+that the views do not move is no measurement. If neither is 5 % better than no water, or than the light of the chosen
+model without its water, the photograph stays: a lamp can explain views alone. Each measure is the median over the
+targets. docs/supplement.md has the tables of real dives and of made seas behind this rule.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, P
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
 from sucre_bench.methods.sucre.observed import JUDGED_TARGETS, Dive, sampled
+from sucre_bench.methods.sucre.paper import INITIAL_WATER
 from sucre_bench.methods.sucre.robust import trust, trusted
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
 from sucre_bench.methods.sucre.sucre import Sucre
@@ -350,6 +351,11 @@ class Court:
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
+    def of_start(self, model: Model) -> float:
+        """Return the error of the water that the steps of a fitted model start from, over that of no water."""
+        *of_halves, _ = self.fitted[model]
+        return self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
+
     def light_alone(self, model: Model) -> float:
         """Return the error of the light of a fitted model without its water, over that of no water in even light."""
         if model.light == EVEN_LIGHT:
@@ -425,7 +431,12 @@ class Court:
         if not known:
             return None
         # `min` takes the first of equals: the paper's steps.
-        leaders = [*best(early)[:1], *best(allowed)[:1]]
+        moved = [
+            model
+            for model in early
+            if model in known and known[model].held_out <= BETTER * self.of_start(model)
+        ]
+        leaders = [*best(moved)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
         if chosen in known and known[chosen].held_out > BETTER * min(1, self.light_alone(chosen)):
             chosen = NO_WATER

@@ -28,7 +28,7 @@ CITES = (
 )
 
 # The start beside J = I.
-_INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
+INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 
 
 @method(
@@ -91,7 +91,7 @@ class SucrePaper(FillOption):
 
         observations = paired(scene, view)  # by eqs. 4 and 5, the rule "mutual"
         started = time.perf_counter()
-        start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
+        start, water = start_of(observations, view.rgb.reshape(-1, 3)), INITIAL_WATER
         if self.start != "paper":
             water = water_of(self.start, scene, view, view.encoding, START).water
         with named(view):
@@ -115,7 +115,7 @@ def solve_adam(
     observations: Observations,
     start: Array,
     options: SucrePaper,
-    water: WaterParameters = _INITIAL_WATER,
+    water: WaterParameters = INITIAL_WATER,
 ) -> Solution:
     """Take Adam's steps from J = start (3, P) and a water, full batch, without bounds, and return its last iterate.
 

@@ -31,7 +31,12 @@ from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.residuals import residuals_of
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Solution
-from sucre_bench.methods.sucre.uncertainty import CHANNELS, WaterUncertainty, is_determined
+from sucre_bench.methods.sucre.uncertainty import (
+    CHANNELS,
+    WaterUncertainty,
+    is_determined,
+    roughly_known,
+)
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_stored_in_full, typed_option
 from sucre_bench.scene import Encoding, Restoration, View, Water
@@ -99,7 +104,8 @@ def restoration(
     more than the judge admits; n_specks, pixels whose colour is
     too bright for a surface; condition and standard_error of the water, noise of each channel, limits in words; hints:
     what a user can do; veil_known: whether no weak prior decides the water of most channels; assumed: channels that one
-    decides; far_error: of each channel's colours on far ground, a share; steps,
+    decides; roughly_known: channels with a large standard error; far_error: of each channel's colours on far ground, a
+    share; steps,
     n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     uncertainty = solution.uncertainty
@@ -130,6 +136,9 @@ def restoration(
         "assumed": [
             name for name, is_weak in zip(CHANNELS, uncertainty.is_weak, strict=True) if is_weak
         ],
+        "roughly_known": roughly_known(
+            solution.water.by_channel(), uncertainty.standard_error.by_channel()
+        ),
         "far_error": dict(zip(CHANNELS, uncertainty.standard_error.beta * far, strict=True)),
         **plain(solution.course),
         "stage_seconds": stage_seconds,

@@ -238,6 +238,12 @@ def _limits(
     return limits
 
 
+def roughly_known(water: Array, error: Array) -> list[str]:
+    """Return the channels with a parameter (3, 3) whose standard error (3, 3) is large."""
+    is_rough = (error > _LOOSE * np.abs(water)).any(axis=1)
+    return [name for name, is_so in zip(CHANNELS, is_rough, strict=True) if is_so]
+
+
 def _loose(c: int, water: Array, error: Array) -> str:
     """Name the parameters of a channel whose standard errors (3, 3) are large."""
     loose = [

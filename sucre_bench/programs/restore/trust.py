@@ -69,6 +69,8 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     if assumed := record.get("assumed"):
         of = "all channels" if len(assumed) == len(CHANNELS) else " and ".join(assumed)
         return f"the water of {of} was assumed"
+    if rough := record.get("roughly_known"):
+        return f"the water of {' and '.join(rough)} is known only roughly"
     far = {
         name: error
         for name, error in (record.get("far_error") or {}).items()

@@ -102,19 +102,22 @@ def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("held_out", "drift", "chosen"),
+    ("held_out", "of_start", "drift", "chosen"),
     [
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 3.0, Fit.FOOTPRINTS),
-        ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 3.0, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 8.0, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 8.0, Fit.NOTHING),
-        ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 3.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 3.0, Fit.FOOTPRINTS),
+        ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 1.0, 3.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.50, Fit.EARLY: 0.45}, 0.46, 3.0, Fit.FOOTPRINTS),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 8.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 0.46, 8.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 1.1, 8.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 1.1, 3.0, Fit.NOTHING),
     ],
 )
-def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_no_water(
+def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_their_start(
     plain: Scene,
     monkeypatch: pytest.MonkeyPatch,
     held_out: dict[Fit, float],
+    of_start: float,
     drift: float,
     chosen: Fit,
 ) -> None:
@@ -130,6 +133,7 @@ def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_no_wat
         )
 
     monkeypatch.setattr(Court, "judged", judged)
+    monkeypatch.setattr(Court, "of_start", lambda *_: of_start)
     monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
     court = Court([], [Dive.spread(Sucre(), plain, 2)], [])
     model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)

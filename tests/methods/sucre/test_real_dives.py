@@ -28,12 +28,12 @@ SIZE_PX = 640  # photographs are shrunk to this longest side; at 480 `prepare` p
 PHOTOGRAPHS = 6
 
 
-def scene_of(folder: str, out: Path) -> sb.Scene:
+def scene_of(folder: str, out: Path, photographs: int = PHOTOGRAPHS) -> sb.Scene:
     """A set with depth as it is published, or photographs alone with the depth that `prepare` makes."""
     root, scale = published(folder), 0.35
     if not (root / "depths").is_dir():
         (out / "in").mkdir()
-        for file in sorted(root.iterdir())[:PHOTOGRAPHS]:
+        for file in sorted(root.iterdir())[:photographs]:
             shutil.copy(file, out / "in")
         prepare(out / "in", out / "dive", Options(max_size=SIZE_PX, depth_size=SIZE_PX // 2))
         root, scale = out / "dive", 1.0
@@ -65,6 +65,13 @@ def test_no_picture_of_a_real_dive_is_ruined(
             _, b = tile_ab(restored.shown, view)
             assert b < -5, "the tiles of the pool are blue"
     assert faults_of_dive(looks) == [() for _ in looks]
+
+
+def test_kelp_in_water_that_few_views_do_not_tell_stays_as_photographed(tmp_path: Path) -> None:
+    # The paper's steps end near their start there, and that water turns green kelp grey.
+    scene = scene_of("seabed_surveys/test4", tmp_path, photographs=4)
+    restored = sb.restore("sucre_plus", scene, scene.views[2], **OPTIONS)
+    assert restored.info["solver"] == "none"
 
 
 def tile_ab(picture: np.ndarray, view: sb.View) -> tuple[float, float]:
