@@ -240,8 +240,8 @@ def _limits(
 
 def roughly_known(water: Array, error: Array) -> list[str]:
     """Return the channels with a parameter (3, 3) whose standard error (3, 3) is large."""
-    is_rough = (error > _LOOSE * np.abs(water)).any(axis=1)
-    return [name for name, is_so in zip(CHANNELS, is_rough, strict=True) if is_so]
+    is_large: Mask = error > _LOOSE * np.abs(water)
+    return [name for name, of_channel in zip(CHANNELS, is_large, strict=True) if of_channel.any()]
 
 
 def _loose(c: int, water: Array, error: Array) -> str:

@@ -67,10 +67,9 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     if record.get("solver") == "none":
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
     if assumed := record.get("assumed"):
-        of = "all channels" if len(assumed) == len(CHANNELS) else " and ".join(assumed)
-        return f"the water of {of} was assumed"
+        return f"the water of {_named(assumed)} was assumed"
     if rough := record.get("roughly_known"):
-        return f"the water of {' and '.join(rough)} is known only roughly"
+        return f"the water of {_named(rough)} is known only roughly"
     far = {
         name: error
         for name, error in (record.get("far_error") or {}).items()
@@ -89,6 +88,10 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     if below := record.get("below_zero"):
         return f"{' and '.join(below)}: too many colours are darker than black"
     return ""
+
+
+def _named(channels: Sequence[str]) -> str:
+    return "all channels" if len(channels) == len(CHANNELS) else " and ".join(channels)
 
 
 def assess(
