@@ -328,11 +328,18 @@ def _text_cameras(path: Path) -> Iterator[_CameraRow]:
             )
 
 
+# COLMAP writes it at the head of images.txt.
+_IN_ALL = re.compile(r"# Number of images: (\d+)")
+
+
 def _text_images(path: Path) -> Iterator[_ImageRow]:
     """Two lines an image; the second holds its points, and is empty if it has none."""
+    n_said = n_read = 0
     with regular(path).open(encoding="utf-8-sig") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
+                said = _IN_ALL.match(line)
+                n_said = int(said[1]) if said else n_said
                 continue
             # the name is the rest of the line: it may hold spaces
             words = line.strip().split(maxsplit=9)
@@ -343,7 +350,10 @@ def _text_images(path: Path) -> Iterator[_ImageRow]:
                 raise ValueError(
                     f"after image '{words[-1]}' stands no line of points, not even an empty one"
                 )
+            n_read += 1
             yield tuple(map(float, words[1:8])), int(words[8]), words[9]
+    if n_read < n_said:
+        say(f"{path}: holds {n_read} of the {n_said} images that its head names; it may be cut")
 
 
 def registered_scene(

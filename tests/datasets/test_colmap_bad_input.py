@@ -21,9 +21,11 @@ from support.colmap_folder import (
     write_image,
     write_model,
 )
+from support.messages import Lines
 from support.miniatures import Change, loader, one_line
 
 from sucre_bench.datasets.colmap import Colmap
+from sucre_bench.machine.progress import watched_by
 
 load = loader(Colmap)
 
@@ -178,6 +180,17 @@ def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> No
             load(tmp_path)
     path.write_bytes(whole)
     assert len(load(tmp_path)) == 3
+
+
+def test_a_text_model_cut_between_images_says_that_it_may_be_cut(tmp_path: Path) -> None:
+    write_dive(tmp_path, ["a.png", "b.png", "c.png"])
+    path = tmp_path / "sparse" / "images.txt"
+    whole = f"# Number of images: 3, mean observations per image: 1\n{path.read_text()}"
+    for content, n in ((whole, 3), (whole[: whole.index("3 ", whole.index("b.png"))], 2)):
+        path.write_text(content)
+        with watched_by(said := Lines()):
+            assert len(load(tmp_path)) == n
+        assert any("2 of the 3 images" in line for line in said.lines) == (n == 2)
 
 
 # -- faults of one view: its pixels raise, the other view goes on --------------------------------------------
