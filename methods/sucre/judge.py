@@ -103,8 +103,9 @@ def judging(options: Any) -> Any:
 def chosen_model(scene: Scene, options: Any) -> Verdict:
     """Return the model of a dive, of those that the options allow.
 
-    Without two halves that overlap it is the first steps of the paper, or what the options say. In a run, a verdict is
-    stored in the user's cache for other processes and runs.
+    Without two halves that overlap it is the first steps of the paper, or what the options say; and the photograph, if
+    the steps predict the views they were fitted to no better than their start. In a run, a verdict is stored in the
+    user's cache for other processes and runs.
     """
     allowed, early = list(_candidates(options)), list(_early(options))
     if len(allowed) == 1:
@@ -142,12 +143,18 @@ def _judged(scene: Scene, options: Any, allowed: list[Model], early: list[Model]
         if len(scene) > _VIEWS
         else scene
     )
+    unjudged = Verdict([*early, *allowed][0], is_unjudged=True)
     try:
-        court = Court.of(Dive.spread(options, part, JUDGED_TARGETS))
+        dive = Dive.spread(options, part, JUDGED_TARGETS)
     except (SolveError, NotApplicableError):
-        court = None
-    found = court and court.verdict(allowed, early)
-    return found or Verdict([*early, *allowed][0], is_unjudged=True)
+        return unjudged
+    court = Court.of(dive)
+    if found := court and court.verdict(allowed, early):
+        return found
+    court = Court.of(dive, on_itself=True)
+    if court and early and court.judged(early[0]) and not court.has_moved(early[0]):
+        return replace(unjudged, model=NO_WATER)
+    return unjudged
 
 
 def _candidates(options: Any) -> Iterator[Model]:
@@ -240,12 +247,15 @@ class Target:
             b,
         )
 
-    def errors(self, fit: Fitted | None, half: frozenset[str]) -> Array:
-        """Return the errors (3, M) of tile means in views outside a half, by a fit to the half: shares of the scale."""
+    def errors(self, fit: Fitted | None, half: frozenset[str], on_itself: bool = False) -> Array:
+        """Return the errors (3, M) of tile means in views outside a half, by a fit to the half: shares of the scale.
+
+        on_itself: in the views of the half instead.
+        """
         assert self.observations.view is not None
         used = self.seen_in(half)
         J, a, b = self.colours(fit, used)
-        judged = ~used & np.isfinite(J[0, self.place])
+        judged = (used if on_itself else ~used) & np.isfinite(J[0, self.place])
         predicted = (J[:, self.place] * a + b)[:, judged]
         of = (
             self.tile[self.place[judged]] * len(self.observations.views)
@@ -300,14 +310,19 @@ class Court:
     halves: list[frozenset[str]]
     parts: list[Dive]
     targets: list[tuple[Target, float, float]]
+    on_itself: bool = False
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
     fitted: dict[Model, list[Fitted]] = field(default_factory=dict)
 
     @staticmethod
-    def of(dive: Dive) -> Court | None:
-        """Return the court of a dive; None if its halves share too little."""
-        names = [view.name for view in dive.scene.views]
-        halves = [frozenset(half) for half in (names[::2], names[1::2]) if len(half) > 1]
+    def of(dive: Dive, on_itself: bool = False) -> Court | None:
+        """Return the court of a dive; None if its halves share too little.
+
+        on_itself: judge fits to all views on these.
+        """
+        names = dive.observations.views
+        parts = [names] if on_itself else [names[::2], names[1::2]]
+        halves = [frozenset(part) for part in parts if len(part) > 1]
         if not halves:
             return None
         targets = []
@@ -316,13 +331,15 @@ class Court:
             whole = dive.options.observe(dive.scene, view, with_view=True, with_ray=True)
             few = sampled(whole, _PIXELS, singles=False, seed=0)
             target = Target(few, view.distance.ravel()[few.pixels])
-            plain = np.concatenate([target.errors(None, half).ravel() for half in halves])
+            plain = np.concatenate(
+                [target.errors(None, half, on_itself).ravel() for half in halves]
+            )
             if len(plain) >= 3 * _ENOUGH and np.median(plain) > 0:
                 J, *_ = target.colours(None, np.ones(len(few), dtype=bool))
                 targets.append((target, float(np.median(plain)), target.drift(J)))
         if not targets:
             return None
-        return Court(halves, [*map(dive.half, halves), dive], targets)
+        return Court(halves, [*map(dive.half, halves), dive], targets, on_itself)
 
     def fits(self, model: Model) -> list[Fitted]:
         """Return the fits of a model to the parts: to the halves from where the fit to all views ended."""
@@ -345,16 +362,17 @@ class Court:
         over = []
         for target, plain, _ in self.targets:
             errors = [
-                target.errors(fit, half).ravel()
+                target.errors(fit, half, self.on_itself).ravel()
                 for fit, half in zip(fits, self.halves, strict=True)
             ]
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
-    def of_start(self, model: Model) -> float:
-        """Return the error of the water that the steps of a fitted model start from, over that of no water."""
+    def has_moved(self, model: Model) -> bool:
+        """Return whether the steps of a fitted model predict better than the water that they start from."""
         *of_halves, _ = self.fitted[model]
-        return self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
+        of_start = self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
+        return self.held_out(of_halves) <= BETTER * of_start
 
     def light_alone(self, model: Model) -> float:
         """Return the error of the light of a fitted model without its water, over that of no water in even light."""
@@ -431,11 +449,7 @@ class Court:
         if not known:
             return None
         # `min` takes the first of equals: the paper's steps.
-        moved = [
-            model
-            for model in early
-            if model in known and known[model].held_out <= BETTER * self.of_start(model)
-        ]
+        moved = [model for model in early if model in known and self.has_moved(model)]
         leaders = [*best(moved)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
         if chosen in known and known[chosen].held_out > BETTER * min(1, self.light_alone(chosen)):

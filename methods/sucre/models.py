@@ -188,6 +188,11 @@ def light_of(model: Model, seen: Observed, near: LightFit | None = None) -> Ligh
     if few is None:
         few = sampled(seen.with_rays().observations, SAMPLE, singles=False, seed=0)
     few = uncut(few)
+    if not few.n_repeated:
+        raise NotApplicableError(
+            "no pixel that two views show tells of the light",
+            remedy=f"use {typed_option('light')}=even",
+        )
     start = near.light.over(few.views) if near else None
     if start is None:
         water = fit(sampled(few, _STARTED, singles=False, seed=0), **seen.options.compute).water

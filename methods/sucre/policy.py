@@ -95,7 +95,8 @@ def _restored(
 ) -> tuple[Observed, Solution, list[str]]:
     """Return the view in even light, its solution by the chosen model, and what to say."""
     if verdict.model == NO_WATER:
-        limit = _AIR if verdict.is_in_air else _NOT_BETTER
+        limit = _PHOTOGRAPH if verdict.is_unjudged else _NOT_BETTER
+        limit = _AIR if verdict.is_in_air else limit
         return (
             seen,
             _photograph(

@@ -133,7 +133,7 @@ def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_their_
         )
 
     monkeypatch.setattr(Court, "judged", judged)
-    monkeypatch.setattr(Court, "of_start", lambda *_: of_start)
+    monkeypatch.setattr(Court, "has_moved", lambda _, model: held_out[model.fit] <= 0.95 * of_start)
     monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
     court = Court([], [Dive.spread(Sucre(), plain, 2)], [])
     model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)
@@ -161,6 +161,21 @@ def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_paper
     result = Sucre().restore(scene, chosen[0])
     assert (result.info["solver"], result.info["steps"]) == ("adam", 200)
     assert any("judge" in limit for limit in result.info["limits"])
+
+
+def test_two_views_from_one_height_move_no_steps_so_they_stay_photographs() -> None:
+    flat = {**GROUND, "heights_m": (2.0, 2.05), "tilt_deg": 0.0}
+    found = verdict(make_ground(WATERS["green"], **flat), Sucre())
+    assert (found.is_unjudged, found.model.fit) == (True, Fit.NOTHING)
+
+
+def test_a_view_of_another_place_is_in_no_half(plain: Scene) -> None:
+    away = np.eye(4)
+    away[0, 3] = 1000.0
+    lost = replace(plain.views[6], cam_from_world=plain.views[6].cam_from_world @ away)
+    assert verdict(
+        replace(plain, views=[plain.views[2], lost, plain.views[4]]), Sucre()
+    ).is_unjudged
 
 
 def test_a_dive_is_judged_once_for_the_methods_of_a_run() -> None:
