@@ -152,7 +152,8 @@ def _judged(scene: Scene, options: Any, allowed: list[Model], early: list[Model]
     if found := court and court.verdict(allowed, early):
         return found
     court = Court.of(dive, on_itself=True)
-    if court and early and court.judged(early[0]) and not court.has_moved(early[0]):
+    steps = court.judged(early[0]) if court and early else None
+    if court and steps and steps.held_out > BETTER * court.of_start(early[0]):
         return replace(unjudged, model=NO_WATER)
     return unjudged
 
@@ -368,11 +369,10 @@ class Court:
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
-    def has_moved(self, model: Model) -> bool:
-        """Return whether the steps of a fitted model predict better than the water that they start from."""
+    def of_start(self, model: Model) -> float:
+        """Return the error of the water that the steps of a fitted model start from, over that of no water."""
         *of_halves, _ = self.fitted[model]
-        of_start = self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
-        return self.held_out(of_halves) <= BETTER * of_start
+        return self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
 
     def light_alone(self, model: Model) -> float:
         """Return the error of the light of a fitted model without its water, over that of no water in even light."""
@@ -449,7 +449,11 @@ class Court:
         if not known:
             return None
         # `min` takes the first of equals: the paper's steps.
-        moved = [model for model in early if model in known and self.has_moved(model)]
+        moved = [
+            model
+            for model in early
+            if model in known and known[model].held_out <= BETTER * self.of_start(model)
+        ]
         leaders = [*best(moved)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
         if chosen in known and known[chosen].held_out > BETTER * min(1, self.light_alone(chosen)):

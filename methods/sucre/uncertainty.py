@@ -240,15 +240,21 @@ def _limits(
 
 def roughly_known(water: Array, error: Array) -> list[str]:
     """Return the channels with a parameter (3, 3) whose standard error (3, 3) is large."""
-    is_large: Mask = error > _LOOSE * np.abs(water)
-    return [name for name, of_channel in zip(CHANNELS, is_large, strict=True) if of_channel.any()]
+    is_loose = _are_loose(water, error)
+    return [name for name, of_channel in zip(CHANNELS, is_loose, strict=True) if of_channel.any()]
+
+
+def _are_loose(water: Array, error: Array) -> Mask:
+    return np.asarray(error > _LOOSE * np.abs(water))
 
 
 def _loose(c: int, water: Array, error: Array) -> str:
     """Name the parameters of a channel whose standard errors (3, 3) are large."""
     loose = [
         f"{name} {value:.3g} ± {spread:.2g}"
-        for name, value, spread in zip(_PARAMETERS, water[c], error[c], strict=True)
-        if spread > _LOOSE * abs(value)
+        for name, value, spread, is_loose in zip(
+            _PARAMETERS, water[c], error[c], _are_loose(water[c], error[c]), strict=True
+        )
+        if is_loose
     ]
     return f"{CHANNELS[c]}: is known only roughly: {', '.join(loose)}" * bool(loose)

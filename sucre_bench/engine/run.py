@@ -261,6 +261,12 @@ def _ends(rows: DataFrame, planned: Sequence[Planned]) -> Iterator[tuple[str, bo
             yield status, is_cached, Fault(plan.name, task.view.name, reason)
 
 
+def _on_pixels(rows: DataFrame, out: Path) -> DataFrame:
+    """See `compare.on_pixels`; the table is read again only where a method leaves holes."""
+    has_common = compare.leaves_holes(rows)
+    return compare.on_pixels(rows, read_common(out) if has_common else results.frame([]))
+
+
 def _outcome(
     rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool
 ) -> Outcome:
@@ -274,7 +280,7 @@ def _outcome(
             key = (*plan.labels, task.base.scene, task.view.name)
             metrics.setdefault(key, set()).update(names)
     first = planned[0].job
-    scores = compare.on_pixels(rows, read_common(first.out))
+    scores = _on_pixels(rows, first.out)
     restored = restoration_rows(rows)
     is_requested = [
         row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *_KEYS, "status")
@@ -316,7 +322,7 @@ def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
             Fault(f"{row.dataset} / {row.method}", row.view, row.reason) for row in of_status
         )
 
-    scores = compare.on_pixels(rows, read_common(job.out))
+    scores = _on_pixels(rows, job.out)
     return Outcome(
         rows=scores,
         stored=rows,

@@ -207,7 +207,7 @@ def _choices(places: tuple[str, ...], name: str) -> dict[str, str]:
     without_metrics = ["metrics=[]"] if is_ours else []  # Hydra would import each
     with faults_of_hydra(()):
         found = loader().compute_defaults_list(name, without_metrics, RunMode.RUN)
-    return {group: str(name) for group, name in found.overrides.known_choices.items()}
+    return {group: str(chosen) for group, chosen in found.overrides.known_choices.items()}
 
 
 def metrics_of_every_run() -> set[str]:

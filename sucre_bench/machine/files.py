@@ -319,9 +319,8 @@ def check_results_folder(folder: Path) -> None:
     mark = folder / RESULTS_MARK
     if is_file(mark) and b"sucre_bench" in mark.read_bytes():
         return
-    if is_file(
-        folder / "scores.parquet"
-    ):  # of a folder that was copied in part, or refused where it is read
+    # of a folder that was copied in part, or refused where it is read
+    if is_file(folder / "scores.parquet"):
         return
     for name in (RESULTS_MARK, "config.yaml", "experiment.yaml"):
         if (folder / name).exists():

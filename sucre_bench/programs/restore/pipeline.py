@@ -75,12 +75,11 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tu
             )
     options = tuple(word.lstrip("+") for word in words if word not in where)
     for word in options:
-        owner, dot, _ = word.partition("=")[0].partition(".")
+        place = word.partition("=")[0]
+        owner, dot, name = place.partition(".")
         if not dot or owner not in ("dataset", "method", method):
             remedy = f"give options of the dataset or the method, for example {method}.display=none, or workers=4"
             raise InputError("is no option of the dataset or the method", word, remedy)
-        place = word.partition("=")[0]
-        name = place.partition(".")[2]
         known = option_names("method", method)
         if owner != "dataset" and known and name not in known:
             raise unknown_name(place, name, known)

@@ -22,7 +22,7 @@ from sucre_bench.reports.mlflow.store import Note, Place, connect, reported
 from sucre_bench.reports.paper import style
 from sucre_bench.results import layout
 from sucre_bench.results.rows import Row, fingerprint, restorations, tuples, values_of
-from sucre_bench.results.table import read_common
+from sucre_bench.results.table import read_both
 
 _LONGEST_PARAM, _LONGEST_NOTE = 6000, 7500
 _MOST_RUNS = 50_000  # of one answer of mlflow
@@ -74,8 +74,8 @@ def log(out: Path, place: Place, runs: Runs | None = None) -> int:
     runs: where a part of it is logged already. Raises InputError for a store that mlflow cannot use, OutputError where
     mlflow fails.
     """
-    rows = results.read(out)
-    comparisons = compare.compare(compare.on_pixels(rows, read_common(out)))
+    rows, common = read_both(out)
+    comparisons = compare.compare(compare.on_pixels(rows, common))
     with reported(place.uri):
         runs = runs or Runs(out, place)
         try:
