@@ -16,16 +16,18 @@ photograph's. The admissible model of the least held-out error leads; of those w
 `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of light. It
 must predict better than the first steps of the paper's Adam, or these are taken: drift, which sees differences of the
 ground too, does not rule them out. They stop near their start, so they must predict 5 % better than it does: a start
-that the views do not move is no measurement. If neither is 5 % better than no water, or than the light of the chosen
-model without its water, the photograph stays: a lamp can explain views alone. Each measure is the median over the
-targets. docs/supplement.md has the tables of real dives and of made seas behind this rule.
+that the views do not move is no measurement. The photograph stays if neither is 5 % better than no water, or than the
+light of the chosen model without its water: a lamp can explain views alone. It stays, too, if the chosen water is no
+better than the mean of its attenuation in all channels and no veil, since that is a lamp's falloff with distance. Each
+measure is the median over the targets. docs/supplement.md has the tables of real dives and of made seas behind this
+rule.
 """
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -153,7 +155,7 @@ def _judged(scene: Scene, options: Any, allowed: list[Model], early: list[Model]
         return found
     court = Court.of(dive, on_itself=True)
     steps = court.judged(early[0]) if court and early else None
-    if court and steps and steps.held_out > BETTER * court.of_start(early[0]):
+    if court and steps and not court.moves(steps, early[0]):
         return replace(unjudged, model=NO_WATER)
     return unjudged
 
@@ -299,6 +301,11 @@ def _typical(light: Light, observations: Observations) -> Light:
     )
 
 
+def _grey(water: WaterParameters) -> WaterParameters:
+    """Return a dimming with distance that is alike in all channels, and no veil."""
+    return WaterParameters.of_channels(np.outer(np.ones(3), [0, water.beta.mean(), 0]))
+
+
 @dataclass(frozen=True, eq=False)
 class Court:
     """A dive whose models are judged.
@@ -369,17 +376,20 @@ class Court:
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
-    def of_start(self, model: Model) -> float:
-        """Return the error of the water that the steps of a fitted model start from, over that of no water."""
+    def in_water(self, model: Model, water: Callable[[WaterParameters], WaterParameters]) -> float:
+        """Return the error of a fitted model with other waters than its own, over that of no water in even light."""
         *of_halves, _ = self.fitted[model]
-        return self.held_out([replace(fit, water=INITIAL_WATER) for fit in of_halves])
+        return self.held_out([replace(fit, water=water(fit.water)) for fit in of_halves])
 
-    def light_alone(self, model: Model) -> float:
-        """Return the error of the light of a fitted model without its water, over that of no water in even light."""
-        if model.light == EVEN_LIGHT:
-            return 1.0
-        *of_halves, _ = self.fitted[model]
-        return self.held_out([replace(fit, water=NONE) for fit in of_halves])
+    def moves(self, judged: Judged, steps: Model) -> bool:
+        """Decide whether the paper's steps predict better than the water they start from."""
+        return judged.held_out <= BETTER * self.in_water(steps, lambda _: INITIAL_WATER)
+
+    def tells_water(self, judged: Judged, model: Model) -> bool:
+        """Decide whether a model predicts better than none, than its light alone, and than a lamp's falloff."""
+        light_alone = self.in_water(model, lambda _: NONE)
+        is_coloured = judged.held_out < self.in_water(model, _grey)
+        return judged.held_out <= BETTER * min(1, light_alone) and is_coloured
 
     def judged(self, model: Model) -> Judged | None:
         """Return the measures of a model; None if it cannot be fitted."""
@@ -449,14 +459,10 @@ class Court:
         if not known:
             return None
         # `min` takes the first of equals: the paper's steps.
-        moved = [
-            model
-            for model in early
-            if model in known and known[model].held_out <= BETTER * self.of_start(model)
-        ]
+        moved = [model for model in early if model in known and self.moves(known[model], model)]
         leaders = [*best(moved)[:1], *best(allowed)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
-        if chosen in known and known[chosen].held_out > BETTER * min(1, self.light_alone(chosen)):
+        if chosen in known and not self.tells_water(known[chosen], chosen):
             chosen = NO_WATER
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
         is_clear = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -108,7 +108,7 @@ def assess(
             return look_at(picture, read_rgb(one.photograph), None, _below(one))
         return _look(one, picture)
 
-    faults = _faults(restored, seen)
+    faults = {one.name: found for one, found in _faults(_looks(restored, seen))}
     assessed = [_assessed(one, faults.get(one.name, ()), instead) for one in restored]
     _write(assessed, out / "pictures.csv")
     return assessed
@@ -117,25 +117,33 @@ def assess(
 def ruined(restored: Sequence[Restored]) -> dict[str, str]:
     """Return why restored images of a dive are of no use, by name, before places without depth are filled.
 
-    One that shows the photograph's colours is not among them: balanced colours are no better.
+    Those left are compared again without them. Where half of a dive are of no use, none is trusted: nobody can tell
+    which half turned. One that shows the photograph's colours is not among them: balanced colours are no better.
     """
 
     def seen(one: Restored) -> Look:
         image, mask = read_rgb(one.image), read_mask(one.image)
         return _look(one, image if mask is None else np.where(mask[..., None], image, np.nan))
 
-    whys = {
-        name: "; ".join(_words(fault) for fault in found if _is_ruining(fault))
-        for name, found in _faults(restored, seen).items()
-    }
+    looks = _looks(restored, seen)
     photographs = {one.name for one in restored if one.record.get("solver") == "none"}
-    return {name: why for name, why in whys.items() if why and name not in photographs}
+    whys = dict[str, str]()
+    while found := {
+        one.name: "; ".join(_words(fault) for fault in faults if _is_ruining(fault))
+        for one, faults in _faults(
+            {one: look for one, look in looks.items() if one.name not in whys}
+        )
+        if one.name not in photographs and any(map(_is_ruining, faults))
+    }:
+        whys |= found
+    if whys and len(whys) >= len(looks) / 2:
+        names = [one.name for one in looks if one.name not in photographs]
+        whys = dict.fromkeys(names, "half of the dive's pictures are of no use") | whys
+    return whys
 
 
-def _faults(
-    restored: Sequence[Restored], seen: Callable[[Restored], Look]
-) -> dict[str, tuple[VisibleFault, ...]]:
-    """Return the faults of the pictures of a dive, by name; those of one method are compared with each other."""
+def _looks(restored: Sequence[Restored], seen: Callable[[Restored], Look]) -> dict[Restored, Look]:
+    """Look at the pictures of a dive."""
 
     def look(one: Restored) -> Look:
         try:
@@ -146,16 +154,16 @@ def _faults(
     together = [one for one in restored if one.is_of_dive]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         looks = list(track(pool.map(look, together), "looking at pictures", len(together)))
-    faults = dict[str, tuple[VisibleFault, ...]]()
-    for method in {one.method for one in together}:
-        of_method = {
-            one.name: its_look
-            for one, its_look in zip(together, looks, strict=True)
-            if one.method == method
-        }
-        found = faults_of_dive(list(of_method.values()))
-        faults.update(zip(of_method, found, strict=True))
-    return faults
+    return dict(zip(together, looks, strict=True))
+
+
+def _faults(
+    looks: Mapping[Restored, Look],
+) -> Iterator[tuple[Restored, tuple[VisibleFault, ...]]]:
+    """Yield the faults of each picture of a dive; those of one method are compared with each other."""
+    for method in {one.method for one in looks}:
+        of_method = {one: look for one, look in looks.items() if one.method == method}
+        yield from zip(of_method, faults_of_dive(list(of_method.values())), strict=True)
 
 
 def _look(one: Restored, picture: Array) -> Look:

@@ -1,5 +1,6 @@
 """The model of a dive, chosen by what it predicts in unseen views: on made ground whose water and light are known."""
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre, SucrePlus, judge
 from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.models import Fit, Model
 from sucre_bench.methods.sucre.observed import Dive
 from sucre_bench.methods.sucre.solution import Judged
@@ -102,26 +104,28 @@ def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("held_out", "of_start", "drift", "chosen"),
+    ("held_out", "of_start", "grey", "drift", "chosen"),
     [
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 3.0, Fit.FOOTPRINTS),
-        ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 1.0, 3.0, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.50, Fit.EARLY: 0.45}, 0.46, 3.0, Fit.FOOTPRINTS),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 8.0, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 0.46, 8.0, Fit.NOTHING),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 1.1, 8.0, Fit.NOTHING),
-        ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 1.1, 3.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 1.0, 3.0, Fit.FOOTPRINTS),
+        ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 1.0, 1.0, 3.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.50, Fit.EARLY: 0.45}, 0.46, 1.0, 3.0, Fit.FOOTPRINTS),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 1.0, 8.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 0.46, 1.0, 8.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 1.1, 1.0, 8.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 1.1, 1.0, 3.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 0.40, 3.0, Fit.NOTHING),
     ],
 )
-def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_their_start(
+def test_a_model_must_predict_better_than_the_papers_steps_these_than_their_start_and_all_than_a_lamp(
     plain: Scene,
     monkeypatch: pytest.MonkeyPatch,
     held_out: dict[Fit, float],
     of_start: float,
+    grey: float,
     drift: float,
     chosen: Fit,
 ) -> None:
-    """On a dive whose candidates have these errors, and whose photographs drift by 5."""
+    """On a dive whose candidates have these errors, in other waters too, and whose photographs drift by 5."""
 
     def judged(court: Any, model: Model) -> Judged:
         return Judged(
@@ -133,7 +137,14 @@ def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_their_
         )
 
     monkeypatch.setattr(Court, "judged", judged)
-    monkeypatch.setattr(Court, "of_start", lambda *_: of_start)
+
+    def in_water(court: Any, model: Model, other: Callable[[Any], WaterParameters]) -> float:
+        water = other(WaterParameters.of_channels(np.ones((3, 3))))
+        if water.B.any():
+            return of_start
+        return grey if water.beta.any() else 1.0
+
+    monkeypatch.setattr(Court, "in_water", in_water)
     monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
     court = Court([], [Dive.spread(Sucre(), plain, 2)], [])
     model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)

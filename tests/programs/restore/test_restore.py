@@ -199,6 +199,9 @@ def test_a_ruined_picture_of_a_dive_gives_way_to_balanced_colours(
     kept = bench("restore", "dive", "out", *words, "green.solver=none")
     assert "no good picture" not in kept.stdout
     assert "do not use  b.png" in kept.stdout
+    # where half are ruined, nobody knows which half
+    write_dive(tmp_path / "two", ("a.png", "b.png"))
+    assert "no good picture of 2 photographs" in bench("restore", "two", "both", *words).stdout
 
 
 def test_out_of_other_photographs_is_refused_and_other_options_write_again(
