@@ -387,7 +387,7 @@ class Court:
 
     def tells_water(self, judged: Judged, model: Model) -> bool:
         """Decide whether a model predicts better than none, than its light alone, and than a lamp's falloff."""
-        light_alone = self.in_water(model, lambda _: NONE)
+        light_alone = 1.0 if model.light == EVEN_LIGHT else self.in_water(model, lambda _: NONE)
         is_coloured = judged.held_out < self.in_water(model, _grey)
         return judged.held_out <= BETTER * min(1, light_alone) and is_coloured
 

@@ -128,17 +128,19 @@ def ruined(restored: Sequence[Restored]) -> dict[str, str]:
     looks = _looks(restored, seen)
     photographs = {one.name for one in restored if one.record.get("solver") == "none"}
     whys = dict[str, str]()
-    while found := {
-        one.name: "; ".join(_words(fault) for fault in faults if _is_ruining(fault))
-        for one, faults in _faults(
-            {one: look for one, look in looks.items() if one.name not in whys}
-        )
-        if one.name not in photographs and any(map(_is_ruining, faults))
-    }:
-        whys |= found
+    is_settled = False
+    while not is_settled:
+        left = {one: look for one, look in looks.items() if one.name not in whys}
+        before = len(whys)
+        for one, faults in _faults(left):
+            ruining = [_words(fault) for fault in faults if _is_ruining(fault)]
+            if ruining and one.name not in photographs:
+                whys[one.name] = "; ".join(ruining)
+        is_settled = len(whys) == before
     if whys and len(whys) >= len(looks) / 2:
-        names = [one.name for one in looks if one.name not in photographs]
-        whys = dict.fromkeys(names, "half of the dive's pictures are of no use") | whys
+        for one in looks:
+            if one.name not in photographs:
+                whys.setdefault(one.name, "half of the dive's pictures are of no use")
     return whys
 
 
