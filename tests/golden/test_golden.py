@@ -19,6 +19,10 @@ import pytest
 HERE = Path(__file__).parent
 KEYS = ["view", "metric", "variant", "region"]
 COSTS = ("seconds", "peak_mb")
+# Another processor ends the steps of a fit elsewhere in the last digits: most where a value is of 8-bit levels or a
+# parameter that the views hardly tell.
+FITS = ("gaussian_seathru", "haze_lines", "seathru", "sucre", "sucre_paper", "sucre_plus")
+MOVES_MOST = ("uism", "uiqm", "uicm", "water", "water_parameters")
 GOLDEN: Sequence[Mapping[str, Any]] = json.loads((HERE / "jobs.json").read_text(encoding="utf-8"))
 _OPTIONS = (
     "every",
@@ -123,7 +127,11 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
     assert set(found.columns) == set(expected.columns)
     found = found.loc[expected.index, expected.columns].fillna("")
     old, new = (one.apply(pd.to_numeric, errors="coerce").to_numpy() for one in (expected, found))
-    is_other = ~np.isclose(new, old, rtol=1e-6, atol=1e-6, equal_nan=True) | (
+    tolerance = np.full(old.shape, 1e-6)
+    is_fit = expected.columns.isin(FITS)
+    tolerance[:, is_fit] = 2e-4
+    tolerance[np.ix_(expected.index.get_level_values("metric").isin(MOVES_MOST), is_fit)] = 5e-3
+    is_other = ~np.isclose(new, old, rtol=tolerance, atol=1e-6, equal_nan=True) | (
         np.isnan(old) & (expected.to_numpy() != found.to_numpy())
     )
     names = [

@@ -129,7 +129,7 @@ def test_six_observers_of_known_preference_give_the_right_order(
         run_here(folder, "compare", "results", "--metric", "preference", "--json").stdout
     )
     means = {record["method"]: record["mean"] for record in table}
-    assert means == pytest.approx({name: one["score"] for name, one in found.items()})
+    assert means == pytest.approx({name: one["score"] for name, one in found.items()}, abs=1e-6)
 
 
 def test_the_page_names_nothing(browser: Browser, folder: Path):
