@@ -110,6 +110,8 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                     remedy = f"{function[2]} are there; for a name with brackets, {remedy}"
                     raise InputError(f"no function '{function[1]}'", text, remedy) from fault
                 raise InputError("special characters need quotes", text, remedy) from fault
+            if any(typed.count(mark) % 2 for mark in "'\""):
+                raise InputError("a quote is not closed", text, "write it twice") from fault
             raise InputError(first_line(fault), text, "an override reads key=value") from fault
         name = override.get_key_element().lstrip("+~")
         # + is for keys that Hydra does not know, and ours are all known
