@@ -139,21 +139,7 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
     assert 'toy · v1.png,"gain,gain=0.5"' in by_view
 
 
-def test_what_is_missing_is_said_in_one_line(bench):
-    said = bench("list").stderr
-    assert said.startswith("error: Missing argument")
-    assert said.count("\n") == 1
-
-
 def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):
     said = bench("run", "method=gray_world", "--cfg").stdout
     assert "name: gray_world" in said
     assert not list(tmp_path.iterdir())
-
-
-def test_list_has_a_line_a_plugin_and_all_of_one_that_is_named(bench):
-    names = {m["name"] for m in json.loads(bench("list", "methods", "--json").stdout)}
-    lines = bench("list", "methods").stdout.splitlines()
-    assert {line.split()[0] for line in lines[: len(names)]} == names
-    assert len(lines) <= len(names) + 2
-    assert "footprint=" in bench("list", "methods", "sucre").stdout

@@ -27,7 +27,6 @@ from sucre_bench.errors import (
     file_error,
 )
 from sucre_bench.imaging.image_files import read_array, read_rgb
-from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.results.restorations import read_mask
 
@@ -81,18 +80,6 @@ def test_the_class_tells_a_file_that_is_gone_from_a_damaged_one(tmp_path: Path, 
         read(path)
     assert Path(fault.value.place) == path
     assert fault.value.remedy
-
-
-def test_a_folder_in_place_of_a_file_is_neither(tmp_path: Path):
-    for name in ("a.png", "a.npy", "charts.json"):
-        (tmp_path / name).mkdir()
-    for read in (
-        lambda: read_rgb(tmp_path / "a.png"),
-        lambda: read_array(tmp_path / "a.npy"),
-        lambda: read_charts(tmp_path / "charts.json", {"a.png": (4, 4)}),
-    ):
-        with pytest.raises(NotAFileError):
-            read()
 
 
 @pytest.mark.parametrize(

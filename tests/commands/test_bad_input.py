@@ -79,42 +79,6 @@ def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench
     assert run(bench, f"'{dive}'").returncode == 0
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("charts", "~nosuchuser/x"),
-        ("run", "dataset=colmap", "dataset.root='~nosuchuser/x'", "method=gray_world"),
-    ],
-)
-def test_the_home_of_nobody_is_no_folder(bench, command: tuple[str, ...]):
-    done = bench(*command)
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert len(done.errors) == 1
-    assert "~nosuchuser/x" in done.errors[0]
-
-
-NUMBERED = """
-from dataclasses import dataclass
-from sucre_bench import Score, metric
-
-@metric(unit="", better="higher", range=(0, 1), variants={"one": ""})
-@dataclass(frozen=True)
-class Numbered:
-    def score(self, restored, shown, view, variant):
-        return [Score(1.0, 1)]
-"""
-
-
-def test_a_score_that_cannot_be_stored_fails_alone(bench, dive: Path, tmp_path: Path):
-    (tmp_path / "numbered.py").write_text(NUMBERED)
-    done = run(bench, dive, "metrics=[uciqe,numbered]", "plugins=[numbered.py]")
-    assert done.returncode == 1
-    rows = results.read(tmp_path / "results").set_index("metric")
-    assert set(rows.loc["numbered", "status"]) == {"failed"}
-    assert set(rows.loc["uciqe", "status"]) == {"ok"}
-
-
 GOLDEN = Path(__file__).with_name("golden_errors")
 MISTAKES = {
     "run": ["method=grey_world"],

@@ -174,20 +174,6 @@ def test_a_baseline_that_did_not_run_on_a_dataset_is_said():
     assert left_out(lake)[0].startswith("base ")
 
 
-def test_a_describing_number_is_a_mean_and_nobody_wins_by_it():
-    made = table({"a": [1, 2], "b": [3, 4]}, better="none", metric="hue")
-    cell = cells(made)["b"]
-    assert (cell.mean, cell.place, cell.rank, cell.tie) == (3.5, 0, 0, False)
-    assert np.isnan([*cell.behind, cell.wins, cell.effect]).all()
-
-
-def test_scores_come_before_costs_and_those_before_what_only_describes():
-    kinds = (("hue", "none"), ("seconds", "lower"), ("psnr", "higher"))
-    rows = [replace(ROW, metric=metric, better=better) for metric, better in kinds]
-    (comparison,) = compare.compare(frame(rows))
-    assert [column.metric for column in comparison.columns] == ["psnr", "seconds", "hue"]
-
-
 @pytest.mark.parametrize(
     ("metric", "values", "low", "high"),
     [

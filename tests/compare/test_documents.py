@@ -17,7 +17,7 @@ from support.made_rows import ROW, table
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import legend, number, verdict_text
+from sucre_bench.compare.words import number, verdict_text
 from sucre_bench.results.rows import frame
 
 
@@ -177,20 +177,6 @@ def test_against_a_baseline_better_is_green_worse_red_and_chance_marked():
     assert re.search(r"≈ \+0\.125", text)
     lower = terminal(table(scores, baseline="base", better="lower"), colours=True)
     assert re.search(r"\x1b\[31m\+1\.0", lower)
-
-
-def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
-    rows = [
-        replace(ROW, method=m, scene=s, view=f"v{v}", value=float(v + n))
-        for n, (m, s, v) in enumerate(itertools.product("ab", ("x", "y"), range(3)))
-    ]
-    (comparison,) = compare.compare(frame(rows))
-    said = legend(comparison)
-    assert "over 6 views of 2 scenes" in said
-    assert "scenes" in said
-    assert "○" not in said
-    assert "○n" in legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
-    assert "no intervals" in legend(table({"a": [1], "b": [2]}))
 
 
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():

@@ -88,13 +88,6 @@ def test_a_method_that_lost_everything_fails():
     assert outcome("psnr=-0.5", new=np.full(6, np.nan)) == "no score"
 
 
-@pytest.mark.parametrize("change", [STEADY, -STEADY])
-def test_one_view_has_no_interval(change: np.ndarray):
-    rows = table(new=change)
-    (found,) = gated(rows[rows["view"] == "v0.png"], [Gate.read("psnr=-0.5")], "old")
-    assert (found.outcome, found.fails) == ("unknown", False)
-
-
 @pytest.mark.parametrize("text", ["ssim=-1", "nobody/psnr=-1"])
 def test_names_that_are_not_there_are_refused(text: str):
     with pytest.raises(InputError, match=r"ssim|nobody"):

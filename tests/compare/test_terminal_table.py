@@ -294,38 +294,6 @@ def test_few_views_name_no_leader_and_the_line_says_why(dataset: str, views: int
     assert re.search(said, printed(compare.compare(frame(rows))).text)
 
 
-def test_views_of_several_scenes_are_not_called_neighbours():
-    rows = [
-        replace(
-            PSNR, method=method, scene=scene, view=f"v{view}", value=20.0 + view + gain * (view + 1)
-        )
-        for method, gain in (("a", 0), ("b", 1))
-        for scene in ("reef", "wreck")
-        for view in range(6)
-    ]
-    assert "neighbours" not in printed(compare.compare(frame(rows))).text
-
-
-def test_where_nothing_knows_the_true_colours_people_decide():
-    votes = {
-        "preference": {"clever": [1.0, 2.0], "plain": [-1.0, -2.0]},
-        "uciqe": {"clever": [1.0, 2], "plain": [3.0, 4]},
-    }
-    block = printed(compared(votes))
-    assert block.heads[0] == "preference ↑"
-    assert printed(compared({**votes, "psnr": votes["uciqe"]})).heads[:2] == [
-        "psnr ↑",
-        "preference ↑",
-    ]
-
-
-def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():
-    own = dict.fromkeys(("psnr", "mine", "water"), MANY["psnr"])
-    assert printed(compared(own)).heads == ["psnr ↑", "mine ↑", "s/view"]
-    (comparison,) = compared(own)
-    assert printed([comparison], every=True).heads == ["psnr ↑", "water ↓", "seconds ↓", "mine ↑"]
-
-
 def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
     scores = {
         "psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}
@@ -407,22 +375,6 @@ def test_scores_that_differ_by_rounding_are_equal():
     assert re.search(r"psnr: (a equals b|b equals a)", printed(compared(scores, baseline="a")).text)
 
 
-def test_the_whole_table_has_the_order_and_the_width_of_the_block():
-    photo, low, high = [40.0] * 24, [1.0, 2, 3, 4, 5, 6] * 4, [5.0, 7, 7, 9, 8, 11] * 4
-    (comparison,) = compared(
-        {"psnr": {"photo": photo, LONG[:30]: low, "high": high}}, photograph="photo"
-    )
-    console = Console(file=io.StringIO(), width=80, soft_wrap=True)  # as in a pipe
-    console.print(as_table(comparison, 80))
-    lines = console.file.getvalue().splitlines()
-    assert max(map(len, lines)) <= 80
-    rows = [
-        line.split()[0] for line in lines if "[" in line and line.split()[0] in comparison.methods
-    ]
-    assert rows == ["high", LONG[:30], "photo"]
-    assert any("high leads" in line for line in lines)
-
-
 def test_many_datasets_are_one_block_with_the_main_score_of_each():
     titles = tuple(f"sea,noise={n}" for n in (0, 0.01, 0.02, 0.05))
     block = printed(
@@ -459,7 +411,7 @@ LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbou
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-@pytest.mark.parametrize("label", ["short", LONG[:40], LONG[:50]])
+@pytest.mark.parametrize("label", ["short", LONG[:50]])
 def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label: str):
     renamed = {
         metric: {label if m == "plain" else m: v for m, v in own.items()}

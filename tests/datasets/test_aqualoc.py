@@ -104,16 +104,6 @@ def test_sequences_of_both_sites_are_scenes_of_their_own(tmp_path: Path) -> None
         list(Aqualoc(tmp_path).scenes())
 
 
-def test_two_files_of_a_frame_are_a_fault_of_that_view(tmp_path: Path) -> None:
-    frames = write_site(tmp_path) / "raw_data" / "harbor_images_sequence_07"
-    write_spot(frames / "frame5.jpg", np.ones(2))
-    scene = load(tmp_path)
-    assert [view.name for view in scene] == ["frame5.jpg", "frame000012.png", "frame000020.png"]
-    with pytest.raises(InputError, match=r"frame5\.jpg: .*frame000005\.png "):
-        _ = scene.views[0].rgb
-    assert scene.views[1].rgb.max() > 0.5
-
-
 def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
     write_site(tmp_path)
     truth = tmp_path / "harbor_groundtruth_files"

@@ -106,17 +106,6 @@ def test_poses_and_cameras_are_those_that_pycolmap_reads(
         assert (view.camera.width, view.camera.height) == (WIDTH, HEIGHT)
 
 
-def test_names_may_hold_spaces_and_two_images_of_one_basename_keep_their_own_pixels(
-    tmp_path: Path,
-) -> None:
-    names = ["first dive/a 1.png", "second dive/a 1.png"]
-    scene = load(write_dive(tmp_path, names))
-    assert [view.name for view in scene] == names
-    assert scene.views[1].has_depth
-    for seed, view in enumerate(scene):
-        np.testing.assert_allclose(view.rgb, picture(seed) / 255, atol=1e-6)
-
-
 def test_images_on_disk_of_another_size_than_the_camera_scale_it(tmp_path: Path) -> None:
     write_dive(tmp_path)
     whole = load(tmp_path)["a.png"]
@@ -125,13 +114,6 @@ def test_images_on_disk_of_another_size_than_the_camera_scale_it(tmp_path: Path)
     assert half.rgb.shape == (HEIGHT // 2, WIDTH // 2, 3)
     assert half.depth.shape == (HEIGHT // 2, WIDTH // 2)
     assert pixel_of(half, [1, 2, 10]) == pytest.approx(pixel_of(whole, [1, 2, 10]) / 2)
-
-
-def test_scenes_decodes_no_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_dive(tmp_path)
-    for name in ("imread", "imdecode"):
-        monkeypatch.setattr(cv2, name, lambda *_: pytest.fail("decoded"))
-    assert len(load(tmp_path)) == 2
 
 
 # -- images ------------------------------------------------------------------------------------------------
@@ -182,17 +164,6 @@ def test_the_folder_of_colmaps_dense_step_is_read_as_it_is(tmp_path: Path) -> No
     maps = tmp_path / "stereo/depth_maps/a.png.geometric.bin"
     maps.write_bytes(f"{WIDTH}&{HEIGHT}&1&".encode() + wanted.astype("<f4").tobytes())
     np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, wanted)
-
-
-def test_a_depth_map_three_times_as_large_is_read_at_the_middle_of_each_pixel(
-    tmp_path: Path,
-) -> None:
-    write_dive(tmp_path)
-    large = np.random.default_rng(0).integers(1, 9000, (3 * HEIGHT, 3 * WIDTH)).astype(np.uint16)
-    write_image(tmp_path / "depths" / "depth_a.png", large)
-    np.testing.assert_array_equal(
-        load(tmp_path)["a.png"].depth, np.float32(large[1::3, 1::3] / 1000)
-    )
 
 
 # Depth files, what each image then has: the file's number, None for no map, or "ambiguous".

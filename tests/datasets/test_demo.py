@@ -2,22 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
 from support.two_views import carried
 
-from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import Demo, Preset, water_of
+from sucre_bench.datasets.demo import Demo
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
 from sucre_bench.datasets.demo.render import (
     LAMP,
     RayCaster,
-    apply,
     lamp_light,
-    make_camera,
-    underwater,
 )
 from sucre_bench.datasets.demo.seabed import SITES, Grid, Terrain, place_board
 from sucre_bench.imaging.chart_patches import measure
@@ -84,20 +80,6 @@ def shown_in(folder: Path) -> list[str]:
 
 
 # -- what is read back is what was made ----------------------------------------------------------------------
-
-
-def test_files_in_the_users_cache_hold_the_arrays(
-    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name, appauthor: tmp_path / name)
-    scene = next(iter(Demo(**SMALL).scenes()))
-    assert len(shown_in(tmp_path / "sucre_bench" / "demo")) == 1
-    for i, view in enumerate(scene):
-        np.testing.assert_allclose(view.camera.K, small.camera.K, rtol=1e-12)
-        np.testing.assert_allclose(view.cam_from_world, small.cam_from_world[i], atol=1e-12)
-        np.testing.assert_allclose(view.rgb * 255, small.rgb[i], atol=1e-4)
-        np.testing.assert_allclose(view.depth, small.depth[i], atol=0.00051)
-        np.testing.assert_allclose(view.reference, small.reference[i], atol=0.51 * LEVEL)
 
 
 # -- geometry ------------------------------------------------------------------------------------------------
@@ -168,20 +150,6 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
     assert np.abs(residuals).max() < 6
 
 
-@pytest.mark.parametrize("preset", get_args(Preset))
-def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset) -> None:
-    J, water = np.array([0.9, 0.5, 0.1]), water_of(preset)
-    np.testing.assert_allclose(apply(J, np.array(0.0), water), J)
-    np.testing.assert_allclose(apply(J, np.array(1e4), water), water.veiling_light)
-    assert water.attenuation[0] > water.attenuation[2]  # red first
-
-
-def test_open_water_shows_the_veil() -> None:
-    nothing = np.zeros((24, 32, 3))
-    shown = underwater(nothing, pixel_rays(make_camera(32, 24)), nothing[..., 0], "coastal")
-    np.testing.assert_allclose(shown - water_of("coastal").veiling_light, 0, atol=1e-9)
-
-
 def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(
     deep: MadeScene,
 ) -> None:
@@ -212,8 +180,3 @@ def test_charts_show_their_reference_colours_without_water(survey: Scene) -> Non
         for reading in measure(nearest.reference, chart):
             assert reading.n_pixels >= 4
             np.testing.assert_allclose(reading.rgb, reading.patch.srgb, atol=1.5 * LEVEL)
-
-
-def test_a_chart_too_small_to_measure_is_not_listed(small: MadeScene) -> None:
-    assert small.charts[0] == ()  # 8 m away, 120 rows: patches of one pixel
-    assert small.charts[-1] != ()

@@ -86,16 +86,6 @@ def test_a_known_point_is_seen_where_it_is_in_both_views(
     check_both(*scene)
 
 
-@pytest.mark.parametrize(
-    "name", ["D:\\dive\\undistorted\\images\\{}.JPG", "/mnt/x/images/{}.jpg", "{}.tif"]
-)
-def test_images_are_found_by_whatever_path_they_had_elsewhere(tmp_path: Path, name: str) -> None:
-    assert [view.name for view in load(write_scene(tmp_path, name=name))] == [
-        "images/0.png",
-        "images/1.png",
-    ]
-
-
 def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
     ids = {
@@ -145,11 +135,6 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(
 ) -> None:
     change(write_scene(tmp_path))
     check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
-
-
-def test_the_folder_tells_which_of_two_images_is_meant(tmp_path: Path) -> None:
-    write_spot(write_scene(tmp_path) / "more/0.png", -np.ones(2) * 99)
-    assert load(tmp_path).views[0].name == "images/0.png"
 
 
 @pytest.mark.parametrize(

@@ -126,31 +126,7 @@ def test_a_model_of_other_images_is_refused_and_one_of_copies_may_not_be_a_guess
         _ = second.rgb
 
 
-def test_two_depth_maps_of_an_image_are_a_fault_and_no_choice(tmp_path: Path) -> None:
-    write_set(tmp_path)
-    tifffile.imwrite(tmp_path / "depth" / "depthT_S01.tiff", np.ones((HEIGHT, WIDTH), np.float32))
-    first, second = load(tmp_path)
-    with pytest.raises(InputError, match=r"depthT_S01\.tif: depthT_S01\.tiff "):
-        _ = first.depth
-    assert second.has_depth
-
-
 # -- charts ------------------------------------------------------------------------------------------------
-
-
-def test_all_published_charts_are_there_and_lie_as_charts_do() -> None:
-    charts = published_charts()
-    assert (len(charts), sum(map(len, charts.values()))) == (43, 152)
-    for seen in charts.values():
-        for chart in seen:
-            edge = np.roll(chart.corners, -1, axis=0) - chart.corners
-            turn = (
-                edge[:, 0] * np.roll(edge, -1, axis=0)[:, 1]
-                - edge[:, 1] * np.roll(edge, -1, axis=0)[:, 0]
-            )
-            assert (turn > 0).all(), "clockwise and convex"
-            assert chart.corners.min() > 0
-            assert (chart.corners < (7360, 4912)).all()
 
 
 def test_published_charts_come_to_the_frames_read_by_hand() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.command_line import calls, run
+from support.command_line import run
 
 from sucre_bench import results
 from sucre_bench.engine.run import Outcome
@@ -41,22 +41,6 @@ def test_a_views_score_is_the_mean_over_its_pairs_of_stored_pictures(out: Path):
     for n in range(3):
         own = [between[n, other] for other in range(3) if other != n]
         assert rows.loc[f"v{n}.png", "value"] == pytest.approx(np.mean(own), rel=1e-4)
-
-
-def test_scores_that_are_there_are_kept(out: Path, tmp_path: Path):
-    log = tmp_path / "calls"
-    first = scores(apart(out, f"method.log={log}").rows)
-    again = apart(out, f"method.log={log}")
-    assert (again.ok, again.cached, len(calls(log))) == (3, 3, 3)
-    pd.testing.assert_frame_equal(scores(again.rows), first)
-
-
-def test_a_metric_added_later_scores_what_an_earlier_run_restored(out: Path):
-    assert run(out, "metrics=[psnr]").exit_code == 0
-    restored = (out / "restored" / "toy" / "gain" / "v0.png").stat().st_mtime_ns
-    rows = scores(apart(out, "overwrite=missing").rows)
-    assert set(rows["status"]) == {"ok"}
-    assert (out / "restored" / "toy" / "gain" / "v0.png").stat().st_mtime_ns == restored
 
 
 def test_a_new_view_scores_all_views_anew_and_fewer_views_score_nothing(out: Path):
@@ -104,13 +88,6 @@ def test_black_pictures_without_holes_are_scored(out: Path):
 
 
 # -- what cannot be scored ---------------------------------------------------------------------------------
-
-
-def test_one_view_cannot_be_scored_and_other_metrics_go_on(out: Path):
-    outcome = run(out, "metrics=[apart,psnr]", "dataset.views=1")
-    assert outcome.exit_code == 0
-    assert set(scores(outcome.rows)["reason"]) == {Reason.ONE_VIEW.value}
-    assert (outcome.rows.loc[outcome.rows["metric"] == "psnr", "status"] == "ok").all()
 
 
 def test_scenes_without_depth_and_poses_are_skipped_with_the_reason(out: Path):

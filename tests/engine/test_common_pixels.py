@@ -226,24 +226,6 @@ def test_folders_with_a_method_each_are_compared_on_common_pixels_where_their_da
 # -- what tables say ---------------------------------------------------------------------------------------
 
 
-def test_tables_say_which_pixels_were_used_and_how_much_each_method_fills(both: Path, bench):
-    for pixels, words in (
-        ("common", "that all methods fill: 50.0 %"),
-        ("own", "each method's own pixels"),
-    ):
-        said = bench("compare", str(both), "--metric", "psnr", "--pixels", pixels).stdout
-        assert words in said
-        assert "filled" in said
-        told = json.loads(bench("compare", str(both), "--pixels", pixels, "--json").stdout)
-        psnrs = {record["method"]: record for record in told if record["metric"] == "psnr"}
-        assert {name: record["filled"] for name, record in psnrs.items()} == {
-            "gain": 1,
-            "left_half": 0.5,
-        }
-        assert {record["pixels"] for record in psnrs.values()} == {pixels}
-    assert {record["pixels"] for record in compared(bench, str(both)).values()} == {"common"}
-
-
 def test_the_page_and_the_run_take_common_pixels_by_default(both: Path, bench):
     outcome = sweep(both, "gain,left_half")
     (table,) = compare.compare(outcome.rows)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import sucre_bench as sb
-from sucre_bench.results.reasons import Reason
 
 
 @sb.method()
@@ -89,15 +88,6 @@ def test_methods_that_fill_different_pixels_are_compared_on_those_that_all_fill(
     )
     by_itself = sb.compare_methods(scene, methods, ["psnr"], views=[0], pixels="own").comparison
     assert {column.pixels for column in by_itself.columns} == {"own"}
-
-
-def test_scores_of_computed_images_stay_on_own_pixels_with_a_reason_of_their_own(scene: sb.Scene):
-    methods = {"whole": Brighten(1.9), "half": LeftHalf()}
-    compared = sb.compare_methods(scene, methods, ["psnr:raw"], views=[0])
-    (column,) = (column for column in compared.comparison.columns if column.metric == "psnr")
-    assert column.pixels == "own"
-    raw = compared.common[compared.common["metric"] == "psnr"]
-    assert {Reason.of(text) for text in raw["reason"]} == {Reason.NOT_HELD}
 
 
 def test_what_a_scene_lacks_is_a_skipped_row(scene: sb.Scene):

@@ -1,11 +1,9 @@
 """What a run would do and take, before it does anything."""
 
-import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
-from support.command_line import Done, run
+from support.command_line import run
 
 from sucre_bench import results
 from sucre_bench.engine.forecast import forecast
@@ -23,32 +21,11 @@ def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(tmp_pat
     assert run(out, "first=1").ok == 1
     (after_one,) = forecast(words, False)
     assert after_one.stored == 1
+    (shards,) = forecast([*words, "shard.count=3", "shard.index=range(3)"], True)
+    assert (shards.jobs, shards.views, shards.stored) == (3, 3, 1)
     assert after_one.seconds == 2 * results.read(out)["seconds"].iloc[0]
     (other,) = forecast([*words, "method.gain=3", "overwrite=always"], False)
     assert math.isnan(other.seconds), "other options are no measure"
     assert run(out).ok == 3
     (after,) = forecast(words, False)
     assert (after.stored, after.seconds) == (3, 0)
-
-
-def test_the_command_prints_parts_of_the_views_as_one_line_and_an_object_for_programs(
-    bench: Callable[..., Done], toys: str, tmp_path: Path
-):
-    words = [
-        "run",
-        "--dry-run",
-        "--plugin",
-        toys,
-        *WORDS,
-        "-m",
-        "method=gain",
-        "shard.count=3",
-        "shard.index=range(3)",
-    ]
-    run(tmp_path / "out", "first=1")
-    done = bench(*words, "out=out")
-    assert done.returncode == 0, done.stderr
-    (line,) = (line.split() for line in done.stdout.splitlines() if line.startswith("toy"))
-    assert line[:6] == ["toy", "gain", "3", "3", "1", "2"]  # jobs, views, stored, to do
-    (job,) = json.loads(bench(*words, "out=out", "--json").stdout)
-    assert (job["method"], job["jobs"], job["views"], job["stored"]) == ("gain", 3, 3, 1)

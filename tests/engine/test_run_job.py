@@ -66,22 +66,3 @@ def test_shards_show_all_views_alike_and_are_not_done_again(out: Path, tmp_path:
     before = calls(log)
     assert run(tmp_path / "shards", *shards, multirun=True).cached == 3
     assert calls(log) == before
-
-
-def test_a_view_that_fails_at_first_changes_how_all_are_shown_when_it_is_restored(
-    out: Path, tmp_path: Path
-) -> None:
-    gate = tmp_path / "gate"
-    command = (
-        "method=gated",
-        "method.label=gain",
-        "method.display=white-90@scene",
-        f"method.gate={gate}",
-    )
-    assert len(run(out, *command).failed) == 1
-    gate.touch()
-    assert run(out, *command).ok == 3
-    run(tmp_path / "fresh", *command)
-    for name in NAMES:
-        np.testing.assert_array_equal(shown(out, name), shown(tmp_path / "fresh", name))
-    assert run(out, *command).cached == 3

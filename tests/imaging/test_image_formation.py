@@ -13,7 +13,6 @@ from sucre_bench import Arrays, Restoration, View, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import (
     brightest,
-    highest,
     nearest_depth,
     recovered,
     reduced,
@@ -24,12 +23,6 @@ from sucre_bench.imaging.image_formation import (
 
 RNG = np.random.default_rng(0)
 A = np.array([0.2, 0.5, 0.6])
-
-
-def test_the_highest_share_is_that_many_pixels_and_at_least_one() -> None:
-    plane = RNG.permutation(1000.0 * np.arange(1000)).reshape(25, 40)
-    assert sorted(plane[highest(plane, 0.003)]) == [997000, 998000, 999000]
-    assert plane[highest(plane, 1e-9)] == [999000]
 
 
 def test_the_brightest_pixel_is_a_pixel_of_the_image_and_of_those_asked_for() -> None:
@@ -154,7 +147,7 @@ def test_a_single_distance_is_said_to_tell_nothing(method: str):
 
 
 @each
-@pytest.mark.parametrize("astray_m", [15.0, 300.0])
+@pytest.mark.parametrize("astray_m", [300.0])
 def test_distances_gone_astray_hardly_move_the_water(method: str, astray_m: float):
     """Sixty of 19,200, which lie at two to eight metres."""
     view = random_seabed(8) if method == "seathru" else normal_seabed(8)

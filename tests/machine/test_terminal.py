@@ -7,7 +7,6 @@ import pty
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -80,16 +79,6 @@ def test_a_reader_that_has_enough_is_no_fault(tmp_path: Path):
     )
     os.close(writing)
     assert (done.stderr, done.returncode) == (b"", 141)
-
-
-def test_a_setting_that_numba_cannot_read_is_one_line_also_where_no_progress_is_shown():
-    code = "from sucre_bench.machine.compute import start_compiler; start_compiler()"
-    env = os.environ | {"NUMBA_OPT": "abc"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, stderr=subprocess.PIPE, text=True)
-    said = [line for line in done.stderr.splitlines() if not line.startswith("compiling loops")]
-    assert len(said) == 1
-    assert "'NUMBA_OPT'" in said[0]
-    assert said[0].endswith("; correct it, or unset it")
 
 
 def test_an_interrupt_that_is_held_back_takes_effect_at_the_end_of_the_block():

@@ -37,20 +37,6 @@ def test_at_every_distance_what_is_left_is_the_scenes_own_variation():
         assert np.abs(image - expected).mean() < 0.02
 
 
-def test_statistics_are_those_of_all_pixels_of_all_views_together():
-    views = [in_water(seed, 0.5, 3 + seed)[0] for seed in range(3)]
-    z = np.concatenate([view.depth.ravel() for view in views]).astype(np.float64)
-    colours = np.concatenate([view.rgb.reshape(-1, 3) for view in views]).astype(np.float64)
-    statistics = pooled(dive(*views), DiveGrayWorld(bin_m=0.5, fewest=1), "gamma", "depth")
-    bins = (z / 0.5).astype(int)
-    for k, number in enumerate(np.unique(bins)):
-        chosen = colours[bins == number]
-        assert statistics.pixels[k] == len(chosen)
-        assert statistics.range_m[k] == pytest.approx(z[bins == number].mean())
-        np.testing.assert_allclose(statistics.mean[k], chosen.mean(axis=0), rtol=1e-9)
-        np.testing.assert_allclose(statistics.deviation[k], chosen.std(axis=0), rtol=1e-6)
-
-
 def test_an_image_of_one_distance_is_corrected_by_what_others_saw_there():
     """A view of red things only stays redder than the dive: its own mean is not its gray."""
     views = [in_water(seed, 1, 6)[0] for seed in range(4)]

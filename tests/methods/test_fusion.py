@@ -58,19 +58,6 @@ def test_the_weights_of_2018_are_its_three_measures():
     np.testing.assert_allclose(weight_2018(IMAGE), expected, atol=2e-5)
 
 
-def test_the_cast_that_stays_is_the_share_lambda_of_it():
-    """Where weights are equal and nothing is clipped, the result's means are those of the white-balanced photograph."""
-    dull = (
-        np.float32([0.3, 0.4, 0.5])
-        + np.float32(0.02) * (np.indices((64, 64)).sum(axis=0) % 2 - 0.5)[..., None]
-    )
-    for kept in (0.0, 0.2):
-        result = restored(Fusion2012(illuminant=kept, percent=0, noise=0, clip=1e-9), dull)
-        spread = 0.02 + kept * 0.2  # of all values: the pattern and the cast that stays
-        cast = result.mean(axis=(0, 1)) - result.mean()
-        np.testing.assert_allclose(cast, kept * np.array([-0.1, 0, 0.1]) / spread, atol=0.02)
-
-
 def test_a_dead_channel_gains_no_noise():
     nearly_dead = IMAGE * np.float32([0, 1, 1]) + np.float32([0.002, 0, 0]) * RNG.random(
         (13, 17, 3), dtype=np.float32

@@ -70,16 +70,6 @@ def test_the_water_of_drawn_data_is_recovered():
     )
 
 
-def test_restoring_inverts_the_model_it_reports():
-    view = drawn_view(5)
-    result = sb.restore("gaussian_seathru", alone(view), view)
-    water, z = result.water, view.depth[..., None].astype(np.float64)
-    veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
-    np.testing.assert_allclose(
-        result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4
-    )
-
-
 def test_the_sample_is_drawn_with_the_seed_alone():
     view = drawn_view(6)
     first, again, other = (
@@ -98,15 +88,6 @@ def test_a_constant_channel_is_left_as_it_is():
     dead = replace(view, pixels=Arrays(rgb, view.depth))
     result = sb.restore("gaussian_seathru", alone(dead), dead)
     np.testing.assert_allclose(result.image[..., 0], 0.3, atol=1e-4)
-
-
-def test_one_pixel_with_depth_has_no_spread_and_is_left_as_it_is():
-    depth = np.zeros((8, 8))
-    depth[2, 3] = 2.0
-    view = View("a.png", Arrays(np.random.default_rng(0).random((8, 8, 3)), depth))
-    result = sb.restore("gaussian_seathru", alone(view), view)
-    np.testing.assert_allclose(result.image[2, 3], view.rgb[2, 3], atol=1e-4)
-    assert result.valid.sum() == 1
 
 
 @pytest.mark.parametrize("wrong", [{"sample": 1}, {"seed": -1}])

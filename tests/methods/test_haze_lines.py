@@ -11,9 +11,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines import (
     WATER_TYPES,
     HazeLines,
-    OpenWater,
     WaterType,
-    compensated,
     transmission,
 )
 from sucre_bench.plugins.call_method import checked_restore
@@ -72,53 +70,6 @@ def test_with_the_waters_type_known_the_transmission_is_the_true_one(water: Wate
     assert np.corrcoef(t[70:].ravel(), truth[70:].ravel())[0, 1] > 0.8
     assert np.corrcoef(np.median(t, axis=1)[70:], truth[70:, 0])[0, 1] > 0.95
     assert np.abs(t[:50] - 0.1).max() < 0.01
-
-
-def test_what_looks_like_water_gets_the_least_transmission_its_colour_allows() -> None:
-    """Noise in open water, on lines of its own, would be near: the farthest of each line always is."""
-    image = (A + np.random.default_rng(0).uniform(0, 0.01, (30, 40, 3))).astype(np.float32)
-    about = {"lines": 50, "radius": 3, "eps": 1e-3, "least": 0.1}
-    t = [
-        transmission(
-            image,
-            A.astype(np.float32),
-            TYPE["III"],
-            np.full((30, 40), likeness, np.float32),
-            **about,
-        )
-        for likeness in (0.0, 0.5, 1.0)
-    ]
-    assert t[0].mean() > 0.3
-    np.testing.assert_allclose(t[1], (t[0] + t[2]) / 2, atol=1e-5)
-    np.testing.assert_allclose(t[2], 0.1, atol=1e-5)
-
-
-def test_in_compensated_space_a_fading_colour_moves_straight_to_the_veiling_light() -> None:
-    water, J = TYPE["II"], np.array([0.7, 0.1, 0.5])
-    t = np.array([0.9, 0.6, 0.3])
-    seen = hazy(np.tile(J, (1, 3, 1)), A, t[None, :, None] ** (1 / water.exponents))
-    points = compensated(seen.astype(np.float32), A.astype(np.float32), water)[0]
-    lengths = np.linalg.norm(points, axis=1)
-    np.testing.assert_allclose(lengths / lengths[0], t / t[0], rtol=1e-4)
-    np.testing.assert_allclose(
-        points / lengths[:, None], np.tile(points[0] / lengths[0], (3, 1)), atol=1e-4
-    )
-    assert (np.sign(points[0]) == [1, -1, 1]).all()
-
-
-def test_the_veiling_light_is_the_colour_of_median_luminance_and_likeness_falls_with_the_distance_from_it() -> (
-    None
-):
-    colours = (A + np.random.default_rng(0).normal(0, 0.01, (999, 3))).astype(np.float32)
-    luminance = colours @ np.float32([0.2126, 0.7152, 0.0722])
-    water = OpenWater.of(colours)
-    np.testing.assert_array_equal(water.veiling_light, colours[np.argsort(luminance)[499]])
-    likeness = water.likeness(
-        (A + np.linspace(0, 0.1, 11)[None, :, None] * [0, 0, 1]).astype(np.float32)
-    )[0]
-    assert likeness[0] == 1
-    assert likeness[-1] == 0
-    assert (np.diff(likeness) <= 0).all()
 
 
 @pytest.mark.parametrize("kind", UNWANTED)

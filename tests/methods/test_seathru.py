@@ -11,10 +11,8 @@ from support.forward_model import CLEAR, alone, random_seabed
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.image_formation import TwoTerm
 from sucre_bench.methods.seathru import (
     Seathru,
-    at_bound,
     constant_attenuation,
     dark_pixels,
     fit_attenuation,
@@ -27,9 +25,6 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     """Over all pixels, up to one factor a channel."""
     factor = (image * truth).sum(axis=(0, 1)) / (image * image).sum(axis=(0, 1))
     return float(-10 * np.log10(np.mean((image * factor - truth) ** 2)))
-
-
-# Dark pixels
 
 
 def test_dark_pixels_are_the_darkest_of_each_bin():
@@ -201,10 +196,3 @@ def test_a_water_that_does_not_fade_is_named():
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, float]):
     with pytest.raises(InputError, match=next(iter(wrong))):
         Seathru(**wrong)
-
-
-def test_a_factor_at_its_bound_is_told_apart_from_one_that_fits():
-    assert at_bound(TwoTerm(0.3, 0.1, 99.99999999999417, 3.0))
-    assert at_bound(TwoTerm(5.0))
-    assert not at_bound(TwoTerm(5.0, 0.1, 90.0, 3.0))
-    assert not at_bound(TwoTerm(0.4))

@@ -111,17 +111,6 @@ def test_contrast_rises_and_colour_is_kept():
     np.testing.assert_allclose(after[..., 1:], before[..., 1:], atol=0.6)
 
 
-def test_one_tile_treats_equal_pixels_equally_and_many_do_not():
-    halves = np.where(np.arange(128)[None, :, None] < 64, 0.2, 0.6) + 0.05 * RNG.random(
-        (128, 128, 1)
-    )
-    halves = np.repeat(halves, 3, axis=-1)
-    halves[5, 5] = halves[5, 120] = 0.4
-    one, many = (restored(Clahe(tiles=tiles), halves) for tiles in (1, 4))
-    assert one[5, 5, 0] == one[5, 120, 0]
-    assert abs(many[5, 5, 0] - many[5, 120, 0]) > 0.1
-
-
 WATER = np.float32([0.1, 0.4, 0.5]) * (0.7 + 0.6 * RNG.random((61, 47, 3), dtype=np.float32))
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.forward_model import NOISE, hazy, restored, tiles, transmission_of
+from support.forward_model import hazy, restored, tiles, transmission_of
 
 from sucre_bench import InputError
-from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.methods.udcp import Udcp
 from sucre_bench.methods.ulap import Ulap, depth_prior
 
@@ -28,15 +27,6 @@ def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(
 ):
     image = np.tile(np.float32(colour), (2, 3, 1))
     np.testing.assert_allclose(depth_prior(image), expected, atol=2e-6)
-
-
-def test_the_veiling_light_is_the_brightest_of_the_deepest_pixels() -> None:
-    """The deepest tenth is the top row; within it, the position of the brightest is a row and a column, no channel."""
-    image = np.full((10, 10, 3), [0.9, 0.5, 0.4], np.float32)
-    image[0] = 0.1, 0.6, 0.7
-    image[0, 7] = 0.1, 0.7, 0.7
-    result = restored(Ulap(share=0.1, radius=1, eps=1e-6), image)
-    np.testing.assert_allclose(result.water.veiling_light, image[0, 7], atol=1e-6)
 
 
 def test_the_transmission_of_each_channel_is_what_remains_after_the_stretched_depth() -> None:
@@ -75,39 +65,6 @@ def made() -> tuple[np.ndarray, np.ndarray]:
     t = np.zeros((96, 128))
     t[24:] = np.linspace(0.25, 0.85, 72)[:, None]
     return hazy(J, A, t).astype(np.float32), t
-
-
-WITH_OPEN_WATER = np.concatenate([np.tile(A, (12, 32, 1)), NOISE * 0.6]).astype(np.float32)
-
-
-def dark_by_hand(image: np.ndarray, side: int) -> np.ndarray:
-    """1 - the least of green and blue, relative to A's, in a window, (H, W)."""
-    t, half = np.empty(image.shape[:2]), side // 2
-    relative = image[..., 1:].astype(np.float64) / A[1:]
-    for y, x in np.ndindex(t.shape):
-        t[y, x] = (
-            1 - relative[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1].min()
-        )
-    return t
-
-
-def test_the_transmission_is_one_less_the_dark_channel_of_green_and_blue() -> None:
-    """Refined by the guided filter, which has tests of its own."""
-    result = restored(Udcp(window=5, radius=4, greatest=1), WITH_OPEN_WATER)
-    expected = guided_filter(
-        WITH_OPEN_WATER, dark_by_hand(WITH_OPEN_WATER, 5).astype(np.float32), 4, 1e-3
-    )
-    found = transmission_of(WITH_OPEN_WATER, result)
-    expected = np.where(np.isnan(found), np.nan, expected.clip(0.2, 1)[..., None])
-    np.testing.assert_allclose(found, expected, atol=1e-3)
-
-
-def test_the_veiling_light_is_the_colour_where_green_and_blue_are_bright_all_around() -> None:
-    image = np.full((30, 40, 3), 0.2, np.float32)
-    image[3, 4] = 1  # bright, but alone
-    image[15:25, 20:30] = 0.1, 0.7, 0.8
-    water = restored(Udcp(), image).water
-    np.testing.assert_allclose(water.veiling_light, A, atol=1e-7)
 
 
 def test_made_haze_is_measured() -> None:

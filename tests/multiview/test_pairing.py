@@ -9,7 +9,7 @@ import pytest
 from support.made_scene import make_camera, make_pose, make_scene, make_view
 
 from sucre_bench import Arrays, Camera, InputError, View
-from sucre_bench.multiview.pairing import Matches, Surface, lift, match, visible_pixels
+from sucre_bench.multiview.pairing import Surface, lift, match, visible_pixels
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
@@ -127,16 +127,6 @@ def test_views_without_camera_pose_or_depth_have_no_matches() -> None:
     assert visible_pixels(
         surface, [View("b", rgb, camera, None), View("b", rgb, None, np.eye(4))]
     ).tolist() == [0, 0]
-
-
-def test_matches_do_not_depend_on_how_the_points_are_cut_up() -> None:
-    def fields(found: Matches) -> list[list[float]]:
-        return sorted(
-            zip(found.pixels.tolist(), found.others.tolist(), found.distance.tolist(), strict=True)
-        )
-
-    whole = fields(match(lift(TARGET), SCENE["side.png"]))
-    assert fields(match(lift(TARGET, tile_px=7), SCENE["side.png"])) == whole
 
 
 def test_a_target_that_cannot_be_paired_is_named_with_the_reason() -> None:

@@ -92,13 +92,6 @@ def test_pips_constraints_hold_beside_ours(tmp_path: Path):
     assert "soundings==1.0" in said
 
 
-@with_uv
-def test_an_index_that_pip_has_no_access_beside_is_the_only_one_asked(tmp_path: Path):
-    links = wheels(tmp_path / "one", "1.0")
-    said = would_install("--torch-backend=auto", PIP_NO_INDEX="1", PIP_FIND_LINKS=links)
-    assert "PyTorch's" in said
-
-
 def test_a_folder_that_is_no_environment_is_refused_and_kept(tmp_path: Path):
     (tmp_path / "dive.png").touch()
     done = run(SCRIPTS / "setup.sh", VENV=tmp_path)

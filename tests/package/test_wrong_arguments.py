@@ -1,6 +1,6 @@
 """What a script passes wrongly to a public name: always an error of sucre_bench, in one line that says what to pass."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 import sucre_bench as sb
-from sucre_bench import plugins
 from sucre_bench.restored_pair import CommonPoints, RestoredView
 
 RGB = np.full((12, 16, 3), 0.5, np.float32)
@@ -165,88 +164,12 @@ TAKEN: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Dive(sb.View):
-    """A view as somebody's plugin may extend it."""
-
-    diver: str = ""
-
-
-def test_a_dataclass_made_from_a_public_one_checks_its_fields():
-    assert Dive("a.png", sb.Arrays(RGB), diver="Ana").rgb.shape == RGB.shape
-    with pytest.raises(sb.InputError, match=r"^Dive\(name\): is 3; pass text"):
-        Dive(3, sb.Arrays(RGB))
-    with pytest.raises(sb.InputError, match=r"^Dive\(charts\): "):
-        Dive("a.png", sb.Arrays(RGB), charts=3)
-
-
 @pytest.mark.parametrize(
     "sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"]
 )
 def test_a_pose_turns_and_shifts_and_does_nothing_else(sides: tuple[int, ...]):
     with pytest.raises(sb.InputError, match=r"^View\.cam_from_world: .*rotation.*; pass "):
         sb.View("a.png", sb.Arrays(RGB), cam_from_world=np.diag(sides))
-
-
-@pytest.mark.parametrize(
-    ("info", "remedy"),
-    [
-        ({"display": 3}, "text"),
-        ({"device": "caf\udce9"}, "text"),
-        ({"seconds": "long"}, "a number"),
-        ({"options": 3}, "a dict"),
-        ({"options": {1: 2}}, "a dict with texts as keys"),
-        ({"options": {"seed": 10**30}}, "a whole number"),
-    ],
-)
-def test_a_wrong_note_of_a_restoration_is_named(info: dict[str, object], remedy: str):
-    with pytest.raises(
-        sb.InputError, match=rf"score\(result\.info\['{next(iter(info))}'\].*; pass {remedy}"
-    ):
-        sb.score(sb.Restoration(RGB, info=info), VIEW, "uciqe")
-
-
-def test_the_table_has_every_public_name():
-    errors = {name for name in sb.__all__ if name.endswith("Error")}
-    lists = {name for name in sb.__all__ if name.startswith("list_")}
-    assert {name.partition(".")[0] for name in TAKES} == set(sb.__all__) - errors - lists - {
-        "Pixels",
-        "__version__",
-        "run_config",
-    }
-
-
-class Textless:
-    """An object that cannot be shown, and not be looked through."""
-
-    def __repr__(self) -> str:
-        raise RuntimeError("no text")
-
-    def __iter__(self) -> Iterator[str]:
-        raise RuntimeError("no words")
-
-
-def test_an_object_without_a_text_is_named_by_its_class():
-    with pytest.raises(sb.InputError, match=r"^Scene\(name\): is Textless; pass text"):
-        sb.Scene(Textless(), [], frozenset())
-
-
-@pytest.mark.parametrize(
-    "words", [Textless(), (str(1 // n) for n in (1, 0))], ids=["collection", "generator"]
-)
-def test_an_iterator_that_raises_is_named_by_its_argument(words: Iterable[str]):
-    with pytest.raises(
-        sb.InputError, match=r"^dataset\(requires\): raises \w+Error.*; pass a list"
-    ):
-        sb.dataset(name="a", requires=words)
-
-
-@pytest.mark.parametrize(
-    "name", ["list_datasets", "list_experiments", "list_methods", "list_metrics"]
-)
-def test_a_list_takes_no_argument(name: str):
-    with pytest.raises(sb.InputError, match=rf"^{name}: .*; "):
-        getattr(sb, name)(1)
 
 
 @pytest.mark.parametrize("name", TAKES)
@@ -355,14 +278,3 @@ def test_masked_pixels_are_unknown() -> None:
     assert (sb.View("a.png", sb.Arrays(RGB, masked)).depth == 1 - np.eye(12, 16)).all()
     image = np.ma.masked_array(RGB, mask=np.repeat(np.eye(12, 16, dtype=bool)[..., None], 3, 2))
     assert sb.Restoration(image).valid.sum() == 12 * 16 - 12
-
-
-def test_a_class_in_place_of_an_object_is_named_with_how_to_make_one():
-    uciqe = plugins.get("metric", "uciqe").cls
-    with pytest.raises(sb.InputError, match=r"Uciqe: is a class; pass an object: Uciqe\(\.\.\.\)"):
-        sb.score(RESULT, VIEW, [uciqe])
-
-
-def test_a_pair_says_what_it_is_a_pair_of():
-    with pytest.raises(sb.InputError, match=r"metric\(range\): .*a tuple \(a number, a number\)"):
-        sb.metric(better="lower", range=[0, 1])

@@ -57,25 +57,6 @@ class Made:
 
 
 @pytest.mark.parametrize(
-    "right",
-    [
-        {"whole": 1},
-        {"whole": np.int64(3)},
-        {"share": 1},
-        {"share": np.float32(0.5)},
-        {"open_end": 0},
-        {"open_end": 49.999},
-        {"maybe": None},
-        {"maybe": 9},
-        {"many": (1.0,)},
-        {"many": [0.1, 0.2]},
-    ],
-)
-def test_what_lies_in_its_range_is_taken(right: dict[str, Any]) -> None:
-    Made(**right)
-
-
-@pytest.mark.parametrize(
     ("wrong", "named"),
     [
         ({"whole": 0}, "[1, 3]"),

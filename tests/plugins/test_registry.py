@@ -43,13 +43,6 @@ def write(folder: Path, name: str, file: str | None = None) -> Path:
     return path
 
 
-def test_a_file_is_all_a_plugin_takes(tmp_path: Path):
-    load_file(write(tmp_path, "MyOwnUNet"))
-    plugin = find("method", "my_own_u_net")
-    assert plugin.summary == "Give the view back."
-    assert plugin.cites == "Nobody 2026"
-
-
 @pytest.mark.parametrize("kind", plugins.KINDS)
 def test_a_plugin_is_found_by_its_name_alone(kind: plugins.Kind):
     known = discover(kind)
@@ -255,11 +248,3 @@ def test_create_refuses_what_the_fields_do_not_say():
     with pytest.raises(InputError, match=r"rate: is 'fast'"):
         create(plugin, {"rate": "fast"})
     assert create(plugin, {"rate": 2}) == Documented(rate=2)
-
-
-def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):
-    path = write(tmp_path, "Alone")
-    with plugins.using(plugins.current().copy()):
-        load_file(path)
-        assert find("method", "alone")
-    assert "alone" not in plugins.discover("method")

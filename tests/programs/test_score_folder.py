@@ -61,15 +61,6 @@ def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders
     )
 
 
-def test_the_table_and_the_file_hold_every_variant(bench, folders, tmp_path: Path):
-    done = bench(
-        "score", str(folders[0]), "--metrics", "uciqe:all", "--csv", str(tmp_path / "scores.csv")
-    )
-    listed = set(pd.read_csv(tmp_path / "scores.csv")["variant"])
-    assert all(variant in done.stdout for variant in listed)
-    assert "yang2015" in listed
-
-
 @pytest.mark.parametrize(
     ("of", "change", "named"),
     [
@@ -120,26 +111,6 @@ def test_references_of_a_results_folder_are_found_by_stem_and_said_to_be_lossy(
     )
     assert (done.returncode, done.stderr.count("JPEG")) == (0, 1)
     assert "psnr" in done.stdout
-
-
-def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_printed(
-    bench, folders, tmp_path: Path
-):
-    for dataset in ("demo", "reef"):
-        (tmp_path / "references" / dataset).mkdir(parents=True)
-        (tmp_path / "references" / dataset / "a.jpg").write_bytes(
-            (folders[1] / "a.png").read_bytes()
-        )
-    done = bench(
-        "score",
-        str(folders[0] / "a.png"),
-        "--reference",
-        str(tmp_path / "references"),
-        "--metrics",
-        "psnr",
-    )
-    assert (done.returncode, done.stdout) == (1, "")
-    assert all(named in done.stderr for named in ("demo/a.jpg", "reef/a.jpg", "--reference"))
 
 
 @pytest.mark.parametrize("of", [0, 1], ids=["picture", "reference"])

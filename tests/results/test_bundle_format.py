@@ -55,14 +55,6 @@ def test_the_same_content_gives_the_same_bytes_wherever_it_is_written(tmp_path: 
     assert ids[0] == ids[1] != written(tmp_path / "c.zip", one=b"1", two=b"3" * 5000)
 
 
-def test_what_is_written_comes_back(tmp_path: Path):
-    made = written(tmp_path / "b.zip", one=b"picture")
-    with open_bundle(tmp_path / "b.zip") as bundle:
-        assert (bundle.id, bundle.by, bundle.version) == (made, "Jane", "1.2")
-        assert bundle.read("restored/one.png") == b"picture"
-        pd.testing.assert_frame_equal(bundle.rows, rows())
-
-
 @pytest.mark.parametrize("value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22])
 def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, value: float):
     scores = rows().assign(value=value)

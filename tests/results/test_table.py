@@ -15,7 +15,7 @@ import pytest
 from sucre_bench import plugins, results
 from sucre_bench.errors import DiedError, OutputError, one_line
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.results import Reason, brief, table, with_remedy
+from sucre_bench.results import Reason, brief, with_remedy
 from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import Row, frame
 from sucre_bench.results.table import Part, merge, read
@@ -33,22 +33,6 @@ def write(out: Path, job: str, *rows: Row) -> None:
     part = Part(out, job)
     part.add(rows)
     part.flush()
-
-
-def test_parts_of_several_jobs_become_one_table(tmp_path: Path):
-    write(tmp_path, "one", ROW)
-    write(tmp_path, "two", replace(ROW, method="n"))
-    assert set(read(tmp_path)["method"]) == {"m", "n"}  # even before they are joined
-    merge(tmp_path)
-    assert set(pd.read_parquet(tmp_path / "scores.parquet")["method"]) == {"m", "n"}
-    assert not (tmp_path / "parts").exists()
-
-
-def test_the_newest_of_a_score_counts(tmp_path: Path):
-    write(tmp_path, "one", ROW)
-    merge(tmp_path)
-    write(tmp_path, "two", replace(ROW, value=2.0, time=LATER))
-    assert read(tmp_path)["value"].tolist() == [2.0]
 
 
 def test_a_newer_score_replaces_all_regions_of_the_older(tmp_path: Path):
@@ -125,41 +109,12 @@ def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: st
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"]
 
 
-def test_a_long_job_writes_each_row_a_few_times_into_few_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    written = []
-    whole = table.write_atomically
-
-    def counted(path: Path, content: bytes) -> None:
-        whole(path, content)
-        written.append(len(pd.read_parquet(path)))
-
-    monkeypatch.setattr(table, "write_atomically", counted)
-    part = results.Part(tmp_path, "job")
-    for n in range(200):
-        part.add([results.Row(dataset="d", scene="s", view=f"{n}.png", method="m", value=float(n))])
-        part.flush()
-    assert sum(written) <= 200 * 4
-    assert len(list((tmp_path / "parts").iterdir())) <= 3 * 8
-    assert sorted(results.merge(tmp_path)["value"]) == list(range(200))
-
-
 @pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])
 def test_a_lack_is_known_by_its_code_and_names_what_is_there(has: frozenset[str]):
     text = plugins.missing_needs(plugins.find("method", "sucre"), has, "view")
     assert Reason.of(text) is Reason.LACK
     assert brief(text) == f"needs {' and '.join(sorted({'depth', 'poses'} - has))}"
     assert text.endswith(f"the view has {', '.join(sorted(has)) or 'only images'}")
-
-
-def test_scenes_that_lack_the_same_have_one_brief_reason():
-    method = plugins.find("method", "sucre")
-    texts = {
-        plugins.missing_needs(method, frozenset({"poses", *more})) for more in ((), ("charts",))
-    }
-    assert len(texts) == 2
-    assert {brief(text) for text in texts} == {"needs depth"}
 
 
 def test_a_reason_of_a_methods_own_words_is_kept_whole():

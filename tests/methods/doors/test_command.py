@@ -12,7 +12,7 @@ from onnx.helper import make_node
 from support.made_networks import onnx_file
 from support.messages import refused
 from support.places import ROOT
-from support.restoring_programs import PYTHON, restored, scene_of
+from support.restoring_programs import restored, scene_of
 
 from sucre_bench import InputError, load_scenes
 from sucre_bench.engine.job import measured_restore
@@ -82,44 +82,6 @@ def test_a_name_that_a_shell_would_obey_is_refused_within_code(name: str):
         with pytest.raises(InputError, match=r"may obey; .*\{name\}"):
             restored(f"sh -c '{code}' {{input}} {{output}}", scene)
     assert restored("cp {input} {output} --suffix={name}", scene).image.shape == scene[0].rgb.shape
-
-
-# -- from the command line -------------------------------------------------------------------------------
-
-
-def test_the_command_line_takes_a_command_in_two_kinds_of_quotes(bench, toys: str, tmp_path: Path):
-    (tmp_path / "restore.py").write_text(
-        "import shutil, sys\nshutil.copy(sys.argv[1], sys.argv[2])\n"
-    )
-    run = (
-        "run",
-        "--plugin",
-        toys,
-        "dataset=toy",
-        "metrics=[redness]",
-        "tracking.uri=off",
-        "report=false",
-        "out=out",
-    )
-    chosen = (
-        "method=command",
-        f"method.run='{PYTHON} restore.py {{input}} {{output}}'",
-        "method.rests_on=restore.py",
-    )
-    done = bench(*run, *chosen)
-    assert done.returncode == 0, done.stderr
-    import pandas as pd
-
-    rows = pd.read_parquet(tmp_path / "out" / "scores.parquet")
-    assert rows["status"].eq("ok").all()
-    pictures = [tmp_path / "out/restored/toy/command" / f"v{k}.png" for k in range(3)]
-    made = [picture.stat().st_mtime_ns for picture in pictures]
-    assert bench(*run, *chosen).returncode == 0
-    assert [picture.stat().st_mtime_ns for picture in pictures] == made
-    (tmp_path / "restore.py").write_text("import sys\nsys.exit('the net is torn')\n")
-    done = bench(*run, *chosen)
-    assert done.returncode == 1
-    assert re.search("exit code 1, .*the net is torn", done.stderr)
 
 
 # -- what the documentation shows ------------------------------------------------------------------------

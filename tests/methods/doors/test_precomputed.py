@@ -202,13 +202,6 @@ def test_gray_is_repeated_and_black_is_a_hole_only_when_asked(tmp_path: Path):
     assert np.isfinite(image).sum() == 23 * 3
 
 
-def test_infinities_and_nan_are_holes_whatever_is_asked(tmp_path: Path):
-    values = RGB.astype(np.float64)
-    values[0, 0, 1], values[0, 1, 2], values[0, 2, 0] = np.nan, np.inf, 1e300
-    np.save(tmp_path / "a.npy", values)
-    assert np.isnan(restored(tmp_path, holes="none").image).all(axis=2).sum() == 3
-
-
 @pytest.mark.parametrize(
     ("view", "files", "expected"),
     [

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from support.made_observations import made, parameters, reduced_residuals, solve_exact, table
-from support.made_scene import WATER, make_scene
+from support.made_scene import WATER
 
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.methods.sucre.uncertainty import clustered, uncertainty_of
 from sucre_bench.multiview.observations import Observations, Seen, arrange
-from sucre_bench.multiview.observe import observe
 
 pytestmark = pytest.mark.short
 
@@ -147,21 +146,6 @@ def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
     np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
 
 
-def test_pixels_seen_once_do_not_move_the_water() -> None:
-    observations, _ = made(3_000, n_single=1_000, noise=0.01)
-    without = observations.take(np.arange(observations.n_repeated))
-    assert len(without.pixels) < len(observations.pixels)
-    np.testing.assert_array_equal(table(fit(observations).water), table(fit(without).water))
-
-
-def test_the_scale_of_the_scene_does_not_matter() -> None:
-    observations, _ = made(5_000, noise=0.005)
-    toy = replace(observations, distance=observations.distance * np.float32(1 / 64))
-    np.testing.assert_allclose(
-        table(fit(toy).water), table(fit(observations).water) * [[1], [64], [64]], rtol=1e-3
-    )
-
-
 # -- colours held above zero -------------------------------------------------------------------------------
 
 
@@ -203,11 +187,6 @@ def test_noise_with_heavy_tails_leaves_the_free_water_right_and_moves_the_physic
     )
     np.testing.assert_allclose(table(free.water), TRUTH, rtol=0.03)
     assert np.abs(table(held.water) / TRUTH - 1).max() > 0.05
-
-
-def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
-    observations, _ = made(30_000, noise=0.004, eight_bit=True, n_single=5_000)
-    np.testing.assert_allclose(table(fit(observations, physical=True).water), TRUTH, rtol=0.02)
 
 
 # -- what is known about it --------------------------------------------------------------------------------
@@ -304,12 +283,6 @@ def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(channel: int, lev
     assert np.isfinite(solution.J).all()
 
 
-def test_one_view_alone_is_an_error_that_says_what_to_do() -> None:
-    scene = make_scene()
-    with pytest.raises(SolveError, match=r"\btwo views; .*water=FILE"):
-        fit(observe(scene["a.png"], [scene["a.png"]]))
-
-
 def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
     rng = np.random.default_rng(0)
     pixels, z = np.arange(500), rng.uniform(1, 5, 500).astype(np.float32)
@@ -319,69 +292,6 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
     ]
     with pytest.raises(SolveError, match=r"\bone distance\b.*; .*water=FILE"):
         fit(arrange((1, 500), seen))
-
-
-# -- the steps ---------------------------------------------------------------------------------------------
-
-
-def curve(rate: float) -> tuple[np.ndarray, np.ndarray]:
-    t = np.linspace(0, 4, 40)
-    return t, 0.5 + 2 * np.exp(-rate * t)
-
-
-def exponential(t: np.ndarray, y: np.ndarray, at: np.ndarray) -> ReducedSystem:
-    """y = p0 + p1 exp(-p2 t)."""
-    decay = np.exp(-at[2] * t)
-    columns, r = np.stack([np.ones_like(t), decay, -at[1] * t * decay]), y - at[0] - at[1] * decay
-    return ReducedSystem((columns @ columns.T)[None], (columns @ r)[None], np.array([r @ r]))
-
-
-@pytest.mark.parametrize("start", [(0.0, 0.1, 0.1), (1.0, 5.0, 5.0), (0.2, 0.1, 3.0)])
-def test_independent_problems_reach_their_own_minima_side_by_side(start: tuple[float, ...]) -> None:
-    rates = (0.7, 2.5)
-    data = [curve(rate) for rate in rates]
-
-    def evaluate(at: np.ndarray) -> ReducedSystem:
-        each = [exponential(t, y, p) for (t, y), p in zip(data, at, strict=True)]
-        return ReducedSystem(
-            *(np.concatenate([getattr(s, name) for s in each]) for name in ("H", "g", "cost"))
-        )
-
-    bounds = Bounds(np.zeros(3), np.full(3, 10.0), np.array([False, False, True]))
-    end = minimise(evaluate, np.tile(start, (2, 1)), bounds, tolerance=1e-12, floor=1e-12)
-    assert end.converged.all()
-    np.testing.assert_allclose(end.at, [[0.5, 2, 0.7], [0.5, 2, 2.5]], rtol=1e-4)
-
-
-def test_a_minimum_outside_the_bounds_ends_at_the_bound_that_is_nearest_in_cost() -> None:
-    t, y = curve(2.5)
-    bounds = Bounds(np.zeros(3), np.array([10, 10, 1.5]), np.array([False, False, True]))
-    end = minimise(
-        lambda at: exponential(t, y, at[0]), np.full((1, 3), 0.5), bounds, tolerance=1e-12
-    )
-    expected = least_squares(
-        lambda p: p[0] + p[1] * np.exp(-p[2] * t) - y, [0.5, 0.5, 0.5], bounds=(0, bounds.upper)
-    )
-    np.testing.assert_allclose(end.at[0], expected.x, rtol=1e-3)
-    assert end.at[0, 2] == 1.5
-    assert end.free.tolist() == [[True, True, False]]
-
-
-def test_a_step_that_is_known_to_raise_the_cost_is_not_taken_in_the_end() -> None:
-    """|x - .5|, whose steepness promises gains on both sides of the minimum and keeps none of them."""
-
-    def kink(at: np.ndarray) -> ReducedSystem:
-        x = at[0] - 0.5
-        g = np.where(x > 0, -0.1, 0.1)
-        return ReducedSystem(np.eye(3)[None], g[None], np.array([1 + np.abs(x).sum()]))
-
-    end = minimise(
-        kink,
-        np.full((1, 3), 0.5),
-        Bounds(np.zeros(3), np.ones(3), np.ones(3, bool)),
-        tolerance=1e-9,
-    )
-    np.testing.assert_allclose(end.at, 0.5, atol=1e-9)
 
 
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:

@@ -5,12 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground
-from support.made_scene import make_scene
 
 from sucre_bench import Arrays, Restoration, Scene, View, Water
 from sucre_bench.degrade import degraded
@@ -53,15 +51,6 @@ def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(
     assert matched[name].info["footprint"] is True
 
 
-@pytest.mark.parametrize("options", [{"physical": True}, {"water": "shared"}])
-def test_every_way_of_fitting_takes_matched_footprints(
-    options: dict[str, Any], grounds: dict[str, Scene]
-) -> None:
-    scene = grounds["green"]
-    result = sucre(**options).restore(scene, scene["3.png"])
-    assert np.abs(relative_error(result, scene.water)).max() < 0.03
-
-
 def photographed(scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffix: str) -> Scene:
     """The scene with other pictures, named with another suffix."""
     views = [
@@ -87,17 +76,6 @@ def test_light_that_is_cut_off_at_white_leaves_the_water_right() -> None:
     assert np.abs(relative_error(sucre().restore(scene, scene["3.png"]), brighter)).max() < 0.03
 
 
-def test_a_channel_that_is_white_everywhere_leaves_the_others_as_they_are(
-    grounds: dict[str, Scene],
-) -> None:
-    truth = WATERS["green"]
-    scene = photographed(
-        grounds["green"], lambda rgb: np.where([False, False, True], 1, rgb), ".png"
-    )
-    error = relative_error(sucre().restore(scene, scene["3.png"]), truth)
-    assert np.abs(error[:, :2]).max() < 0.03
-
-
 def test_colours_come_from_sharp_pixels(
     grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
 ):
@@ -112,46 +90,3 @@ def test_colours_come_from_sharp_pixels(
     )
     given = sucre(water=str(tmp_path / "water.json")).restore(scene, scene["3.png"])
     np.testing.assert_array_equal(result.image, given.image)
-
-
-def test_a_physical_fit_is_not_pulled_by_colours_that_noise_makes_negative() -> None:
-    """Red is lost in the far views: half of its colours are below zero by noise alone."""
-    water = WATERS["coast"]
-    dark = replace(water, attenuation=water.attenuation * [2, 1, 1])
-    scene = make_ground(dark, **GROUND, seed=2)
-    free, held = (sucre(physical=on).restore(scene, scene["5.png"]) for on in (False, True))
-    moved = relative_error(held, dark) - relative_error(free, dark)
-    assert np.abs(moved[:, 0]).max() < 0.02
-
-
-def test_uneven_light_is_no_excuse_for_negative_colours() -> None:
-    """Ripples of light raise the residuals of blurred and sharp images alike; the noise of a pixel stays .004."""
-    rng, ground = (
-        np.random.default_rng(0),
-        make_ground(WATERS["milky"], **GROUND | {"width": 200, "height": 150}),
-    )
-    scene = replace(
-        ground, views=[rippled(view, rng.uniform(0, 2 * np.pi, 2)) for view in ground.views]
-    )
-    free, held = (sucre(physical=on).restore(scene, scene["3.png"]) for on in (False, True))
-    assert (free.image < 0).any(axis=-1).mean() > 0.15
-    assert (held.image < 0).any(axis=-1).mean() < 0.13
-    assert np.abs(relative_error(held, WATERS["milky"])).max() < 0.12
-
-
-def rippled(view: View, phase: np.ndarray) -> View:
-    """A view in light that varies by 25 %, in ripples of some 94 pixels."""
-    y, x = np.mgrid[: view.rgb.shape[0], : view.rgb.shape[1]]
-    light = 1 + 0.25 * np.sin(x / 15 + phase[0]) * np.sin(y / 15 + phase[1])
-    stored = np.rint((view.rgb * light[..., None]).clip(0, 1) * 255) / 255
-    return View(
-        view.name, Arrays(stored, view.depth, view.reference), view.camera, view.cam_from_world
-    )
-
-
-def test_too_few_pixels_fall_back_to_single_ones() -> None:
-    scene = make_scene()
-    few = [replace(view) for view in scene.views[:2]]
-    result = sucre().restore(replace(scene, views=few), few[1])
-    assert result.info["footprint"] in (True, False)
-    assert np.isfinite(result.water.attenuation).all()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command_line import registry
 from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
@@ -15,10 +14,8 @@ from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.observed import Observed, sampled
-from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
-from sucre_bench.plugins.registry import using
 
 # One model at a time; the judge has tests of its own.
 sucre = partial(Sucre, footprint=True, physical=False, robust=False)
@@ -177,20 +174,6 @@ def test_gradient_is_that_of_finite_differences(matched: Observations, which: Pa
     np.testing.assert_allclose(system.g[0][free], np.array(numeric)[free], rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("which", [Parts(1), Parts(3, lens=True)])
-def test_removed_light_has_the_least_squares_of_the_recorded_one(
-    matched: Observations, which: Parts
-) -> None:
-    few = sampled(matched, 200, singles=False, seed=0)
-    problem = Problem(Sample.of(few, "3.png"), which)
-    u = np.concatenate(
-        [np.tile([0.3, 0.2, 0.3], 3), np.random.default_rng(0).normal(0, 0.1, problem.size - 9)]
-    )
-    light, recorded = problem.light(u), problem.system(u).cost[0] - problem.prior @ (u * u)
-    with opened(light.removed(few), "numpy", "cpu") as kernel:
-        assert kernel.system(light.water).cost.sum() == pytest.approx(recorded, rel=1e-3)
-
-
 def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
     view = exposed["3.png"]
     seen = observe(view, exposed.views, with_view=True, with_ray=True)
@@ -231,31 +214,6 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_
     file.write_text(json.dumps(record | {"light": {"parts": ["lens"]}}))
     with pytest.raises(InputError, match="light"):
         sucre(water=str(file)).restore(exposed, exposed["3.png"])
-
-
-FOREIGN = """
-from dataclasses import dataclass
-import numpy as np
-import sucre_bench as sb
-
-@sb.method()
-@dataclass(frozen=True)
-class Foreign:
-    def restore(self, scene, view):
-        return sb.Restoration(view.rgb, scene.water, info={"gains": GAINS})
-"""
-
-
-@pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'3.png': np.float32(1)}"])
-def test_water_of_a_method_that_calls_something_else_gains_is_used(
-    plain: Scene, tmp_path: Path, gains: str
-) -> None:
-    (tmp_path / "foreign.py").write_text(FOREIGN.replace("GAINS", gains))
-    with using(registry(tmp_path / "foreign.py")):
-        image = sucre(water="foreign").restore(plain, plain["3.png"]).image
-    told = sucre(water="truth").restore(plain, plain["3.png"]).image
-    one_gain = gains.startswith("{'3")  # then the other views have none, and take no part
-    assert np.isfinite(image).any() if one_gain else np.array_equal(image, told, equal_nan=True)
 
 
 @pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])

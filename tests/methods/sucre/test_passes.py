@@ -3,7 +3,6 @@
 import contextlib
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from support.made_observations import flat, made, parameters, reduced_residuals,
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.observed import first_slot
 from sucre_bench.methods.sucre.passes import (
     WALL,
     Kernel,
@@ -139,45 +137,6 @@ def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
         assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
 
 
-def test_held_colours_enter_h_as_rows_of_their_own() -> None:
-    observations = dark(n_single=100)
-    free, held = system(observations, "numpy"), system(observations, "numpy", MARGIN)
-    place, z, I = flat(observations)
-    n = len(observations.pixels)
-    for c in range(3):
-
-        def shortfall(water: np.ndarray, c: int = c) -> np.ndarray:
-            a, y = np.exp(-water[1] * z), I[c] - water[0] * (1 - np.exp(-water[2] * z))
-            return np.bincount(place, a * y, n) / np.sqrt(np.bincount(place, a * a, n)) + MARGIN[c]
-
-        below = shortfall(ROWS[c]) < 0
-        assert 20 < below.sum() < n - 20
-        step = np.eye(3) * 1e-6
-        rows = (
-            np.stack([shortfall(ROWS[c] + s)[below] - shortfall(ROWS[c] - s)[below] for s in step])
-            / 2e-6
-        )
-        np.testing.assert_allclose(held.H[c] - free.H[c], WALL**2 * rows @ rows.T, rtol=1e-5)
-
-
-def test_colours_are_the_least_squares_colours_with_their_propagated_deviation() -> None:
-    observations, _ = made(40, noise=0.02, n_single=5)
-    V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5 * (c + 1) for c in range(3)])
-    with opened(observations, "numpy", "cpu") as kernel:
-        J, deviation = kernel.colours(WATER, NOISE, V)
-    place, z, _ = flat(observations)
-    for c in range(3):
-        _, truth = dense(observations, c)
-        np.testing.assert_allclose(J[c], truth, rtol=1e-5, atol=1e-6)
-        B, beta, gamma = ROWS[c]
-        a, e = np.exp(-beta * z), np.exp(-gamma * z)
-        D = np.stack([1 - e, -truth[place] * a * z, B * z * e])
-        A = np.bincount(place, a * a)
-        sensitivity = np.stack([np.bincount(place, a * column) for column in D]) / A
-        variance = NOISE[c] ** 2 / A + np.einsum("ip,ij,jp->p", sensitivity, V[c], sensitivity)
-        np.testing.assert_allclose(deviation[c], np.sqrt(variance), rtol=1e-5)
-
-
 # -- the backends against float64 --------------------------------------------------------------------------
 
 
@@ -233,21 +192,6 @@ def test_every_channel_may_have_weights_of_its_own(backend: str) -> None:
     np.testing.assert_allclose(deviation, deviation_exact, rtol=1e-5, atol=1e-6)
 
 
-def test_weights_of_channels_count_excess_and_choose_first_observations() -> None:
-    observations = made(5, 3)[0]
-    weight = np.ones((3, len(observations)), dtype=np.float32)
-    weight[1, 2] = weight[2, 2] = weight[1, 3] = 0
-    weighted = replace(observations, weight=weight)
-    assert weighted.n_excess == len(observations) - 2 - 5
-    first = first_slot(weighted)
-    second = int(observations.starts[1])
-    np.testing.assert_array_equal(
-        first.distance, observations.distance[[0, 1, second + 2, second + 3, 4]]
-    )
-    assert first.weight is not None
-    assert (first.weight == 1).all()
-
-
 @pytest.mark.parametrize("backend", ["torch", "jax"])
 def test_a_gpu_gives_what_float64_gives(backend: Any) -> None:
     observations = dark(n_single=50)
@@ -278,18 +222,6 @@ def test_every_type_of_colour_is_read(backend: str, dtype: Any) -> None:
     assert_close(system(replace(observations, colour=stored), backend), truth, 1e-4)
 
 
-@pytest.mark.parametrize("backend", SINGLE)
-def test_observations_are_read_from_disk(backend: str, tmp_path: Path) -> None:
-    observations = made(600, noise=0.01, eight_bit=True)[0]
-    on_disk = {}
-    for name in ("colour", "distance"):
-        np.save(tmp_path / f"{name}.npy", getattr(observations, name))
-        on_disk[name] = np.load(tmp_path / f"{name}.npy", mmap_mode="c")
-    assert_close(
-        system(replace(observations, **on_disk), backend), system(observations, "numpy"), 1e-4
-    )
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> None:
     with_singles = dark(n_single=200)
@@ -311,36 +243,6 @@ def test_equal_passes_give_equal_bits_in_many_blocks(backend: str) -> None:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     if backend != "numpy":
         assert_close(first, system(observations, "numpy", MARGIN), 1e-4)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_water_of_extreme_rates_is_exact_or_seen_to_be_out_of_range(backend: str) -> None:
-    observations = made(600, noise=0.01)[0]
-    with (
-        opened(observations, "numpy", "cpu") as exact,
-        opened(observations, backend, "cpu") as kernel,
-    ):
-        for rates in ((-0.3, 1e-5), (1e-6, 3.0), (2.0, -0.2)):
-            water = WaterParameters.of_channels(np.array([[0.2, *rates]] * 3))
-            assert_close(kernel.system(water), exact.system(water), 2e-3)
-        assert np.isnan(
-            silently(kernel, WaterParameters.of_channels(np.full((3, 3), np.nan))).cost
-        ).all()
-
-
-def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
-    with np.errstate(all="ignore"):
-        return kernel.system(water)
-
-
-def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> None:
-    from sucre_bench.methods.sucre.numba_loops import power_minus_1
-
-    for x in np.r_[
-        np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)
-    ].astype("f4"):
-        assert power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
-    assert np.isnan(power_minus_1(np.float32(np.nan)))
 
 
 def test_a_block_too_large_for_the_memory_is_halved() -> None:

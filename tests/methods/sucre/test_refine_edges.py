@@ -64,20 +64,6 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     np.testing.assert_array_equal(found[~wrong], paired[~wrong])
 
 
-def test_a_pixel_that_shows_what_the_image_shows_is_not_known_better_than_from_all_views() -> None:
-    rng = np.random.default_rng(2)
-    J = np.full((*SHAPE, 3), 0.5, np.float32)
-    distance = np.full(SHAPE, FAR)
-    I = in_water(J, distance) + 0.001 * rng.standard_normal(J.shape)
-    wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
-    paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
-    # the light of the views differs, so no colour is known well
-    deviation = np.full((*SHAPE, 3), 0.4, np.float32)
-    found, left = corrected_edges(I, distance, paired, deviation, WATER)
-    assert np.abs(found - J)[wrong].mean() < 0.1
-    assert (left[wrong] >= deviation[wrong]).all()
-
-
 def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
     J, I = scene()
     distance = np.where(BOARD, NEAR, FAR)

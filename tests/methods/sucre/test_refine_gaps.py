@@ -1,7 +1,5 @@
 """Two views that differ by a gain: gaps of one must not show in the colours, and where views agree nothing changes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground
@@ -70,27 +68,10 @@ def test_the_field_of_a_view_ends_without_a_step() -> None:
     assert steps[1] < 0.4 * steps[0]
 
 
-def test_nothing_changes_where_views_agree() -> None:
-    observations, J = two_views(1.0)
-    before, after = colours_and_evened(observations)
-    truth = observations.image(J)
-    assert np.sqrt(np.mean((after - truth) ** 2)) < 1.01 * np.sqrt(np.mean((before - truth) ** 2))
-
-
 def test_pixels_that_the_target_does_not_show_stay() -> None:
     observations, _ = two_views(1.2)
     J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
     np.testing.assert_array_equal(evened(observations, J, WATER_OF_ALL, "elsewhere.png"), J)
-
-
-def test_a_view_that_shows_nothing_any_more_changes_nothing() -> None:
-    observations, _ = two_views(1.2)
-    named = replace(observations, views=(*observations.views, "dark.png"))
-    J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
-    np.testing.assert_array_equal(
-        evened(named, J, WATER_OF_ALL, "target.png"),
-        evened(observations, J, WATER_OF_ALL, "target.png"),
-    )
 
 
 def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:

@@ -7,7 +7,7 @@ import pytest
 from support.made_observations import parameters
 from support.made_scene import WATER
 
-from sucre_bench.methods.sucre.refine_noise import calibrated, followed, noise_parts
+from sucre_bench.methods.sucre.refine_noise import calibrated, followed
 from sucre_bench.methods.sucre.robust import reweighted, robust_noise
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
@@ -56,14 +56,6 @@ def test_colours_that_no_light_comes_from_are_not_known() -> None:
     solution = calibrated(gone, colours_for_water(gone, WATER_OF_ALL, None, "numpy", "cpu"))
     assert np.isfinite(solution.deviation).all()
     assert (solution.deviation[0, :300] > 100).all()
-
-
-def test_both_parts_are_found() -> None:
-    observations, _, _ = observed(0.01, 0.05)
-    solution = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu")
-    sigma, tau = noise_parts(observations, solution)
-    np.testing.assert_allclose(sigma, 0.01, rtol=0.2)
-    np.testing.assert_allclose(tau, 0.05, rtol=0.2)
 
 
 def test_too_few_repeated_pixels_keep_the_common_deviation() -> None:
@@ -122,12 +114,6 @@ def test_noise_of_red_falls_and_red_things_stay_red() -> None:
     assert abs(after[patch].mean() - J[patch].mean()) < 0.03
     assert 0.5 < errors[1] / np.sqrt(np.mean(left[..., 0] ** 2)) < 2
     np.testing.assert_array_equal(after[..., 1], before[..., 1])
-
-
-def test_colours_that_are_known_stay_as_they_are() -> None:
-    J, deviation = ground(), np.full((*SHAPE, 3), 0.001)
-    before = with_noise(J, deviation)
-    assert np.abs(followed(before, deviation)[0] - before).max() < 0.01
 
 
 def test_differences_that_neighbours_share_are_no_noise() -> None:

@@ -52,20 +52,6 @@ def animal(observations: Observations) -> np.ndarray:
     return (observations.view == 2) & (row < 30) & (column < 40)
 
 
-@pytest.mark.parametrize("what", ["animal", "snow"])
-def test_an_animal_in_one_view_and_marine_snow_in_all_leave_the_water_right(what: str) -> None:
-    observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
-    colour = observations.colour.copy()
-    rng = np.random.default_rng(3)
-    colour[
-        :, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01
-    ] = 0.6
-    observations = replace(observations, colour=colour)
-    plain, robust = (solve_exact(observations, robust=robust) for robust in (False, True))
-    before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, robust))
-    assert after < 0.03 < before
-
-
 def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> None:
     observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
     for wrong, is_named in ((observations.view == 2, True), (animal(observations), False)):
@@ -75,33 +61,6 @@ def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> Non
             solve_exact(replace(observations, colour=colour), robust=True).uncertainty.limits
         )
         assert (f"{observations.views[2]} shows other things" in limits) == is_named
-
-
-def test_clean_observations_lose_next_to_nothing() -> None:
-    observations, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
-    robust, weighted = fit_robustly(observations, fit)
-    everywhere = np.ones(len(observations.pixels), dtype=bool)
-    lost = psnr(observations, fit(observations), J, everywhere) - psnr(
-        weighted, robust, J, everywhere
-    )
-    assert lost < 0.15
-
-
-def test_wrong_observations_lose_their_weight_and_right_ones_keep_it() -> None:
-    observations, wrong = spoilt(made(3000, distances_m=(1, 6), noise=NOISE)[0])
-    weight = reweighted(observations, TRUE, np.full(3, NOISE)).weight
-    place = flat(observations)[0]
-    often = (observations.counts[place] >= 5) & (np.bincount(place, wrong)[place] <= 1)
-    assert np.median(weight[often & wrong]) < 1e-3
-    assert np.percentile(weight[often & ~wrong], 10) > 0.6
-
-
-def test_of_two_observations_neither_is_called_wrong() -> None:
-    observations, _ = made(500, n_views=2, noise=0.1)
-    weight = reweighted(observations, TRUE, np.full(3, 0.02)).weight
-    first, second = (weight[part] for _, part in observations.slots())
-    np.testing.assert_allclose(first, second, rtol=2e-3)
-    assert first.min() < 0.1 < 0.5 < first.max()
 
 
 def test_the_weight_of_two_is_that_of_their_difference() -> None:
@@ -114,22 +73,6 @@ def test_the_weight_of_two_is_that_of_their_difference() -> None:
     colour[0, 1] += off
     weight = reweighted(replace(observations, colour=colour), TRUE, np.full(3, 0.01)).weight
     np.testing.assert_allclose(weight, 1 / (1 + 9 / 30) ** 2, rtol=1e-3)
-
-
-def test_single_observations_keep_their_weight_and_earlier_weights_count() -> None:
-    observations, _ = made(300, n_single=100, noise=NOISE)
-    assert (
-        reweighted(observations, TRUE, np.full(3, NOISE)).weight[observations.starts[1] - 100 :][
-            :100
-        ]
-        == 1
-    ).all()
-    earlier = np.random.default_rng(0).uniform(0, 1, len(observations)).astype(np.float32)
-    earlier[::7] = 0
-    again = reweighted(replace(observations, weight=earlier), TRUE, np.full(3, NOISE)).weight
-    assert (again <= earlier).all()
-    assert (again[::7] == 0).all()
-    assert np.isfinite(again).all()
 
 
 def test_earlier_weights_say_how_noisy_an_observation_is() -> None:

@@ -57,27 +57,6 @@ def make_scene_without_water() -> np.ndarray:
     return make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), water=None).rgb
 
 
-def test_what_is_known_of_the_fit_is_told(plain: Restoration) -> None:
-    info = plain.info
-    assert info["converged"] is True
-    assert len(info["condition"]) == len(info["cost"]) == len(info["noise"]) == 3
-    assert set(info["standard_error"]) == {"B", "beta", "gamma"}
-    assert set(info["stage_seconds"]) >= {"read", "pair", "solve"}
-    assert info["n_repeated"] < info["n_observations"]
-    json.dumps(info)
-
-
-def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An earlier run may have paired for longer than this run lasts."""
-    observe = Sucre.observe
-    monkeypatch.setattr(
-        Sucre, "observe", lambda *a, **k: replace(observe(*a, **k), pair_s=1e6, read_s=1e5)
-    )
-    stages = sucre().restore(SCENE, TARGET).info["stage_seconds"]
-    assert (stages["pair"], stages["read"]) == (1e6, 1e5)
-    assert 0 < stages["solve"] < 1e5
-
-
 # -- water from elsewhere ----------------------------------------------------------------------------------
 
 
@@ -323,23 +302,6 @@ def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay(
     assert (left[:, 0] > 0.1).all()
 
 
-def test_a_speck_has_no_colour_in_the_least_squares_colours() -> None:
-    farthest = np.unravel_index(TARGET.distance.argmax(), TARGET.distance.shape)
-    rgb = TARGET.rgb.copy()
-    rgb[farthest] = 0.9
-    snow = replace(TARGET, pixels=Arrays(rgb, TARGET.depth))
-    for robust, is_known in (("auto", False), (False, True)):
-        result = Sucre(water="truth", colours="single_view", robust=robust).restore(SCENE, snow)
-        assert (
-            np.isfinite(result.image[farthest]).all()
-            == np.isfinite(result.confidence[farthest])
-            == is_known
-        )
-        assert np.array_equal(
-            result.valid, (TARGET.depth > 0) & (is_known | (rgb != 0.9).any(axis=-1))
-        )
-
-
 def test_filled_specks_have_the_colours_around_them() -> None:
     row, column = np.unravel_index(TARGET.distance.argmax(), TARGET.distance.shape)
     rgb = TARGET.rgb.copy()
@@ -351,24 +313,6 @@ def test_filled_specks_have_the_colours_around_them() -> None:
     np.testing.assert_allclose(
         result.filled[row, column], np.nanmean(around, axis=(0, 1)), rtol=1e-4
     )
-
-
-def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
-    rng = np.random.default_rng(1)
-    truth = coloured_surfaces(rng, 40_000)
-    truth[:, :10_000] *= 0.02  # deep shade
-    deviation = np.full(truth.shape, 0.01)
-    deviation[0] = 0.5
-    J = truth + deviation * rng.standard_normal(truth.shape)
-    shrunk, _ = shrunk_to_the_mean(J, deviation)
-    alone = 1 / np.sqrt(1 / 0.5**2 + 1 / truth[0].std() ** 2)  # the best that red can do by itself
-    assert (shrunk - truth)[0].std() < 0.7 * alone
-    assert np.abs(shrunk[0, :10_000]).mean() < 0.05
-
-
-def test_without_known_noise_there_is_no_prior() -> None:
-    J = coloured_surfaces(np.random.default_rng(2), 100).astype(np.float32)
-    assert prior_of(J, np.full_like(J, np.inf)) is None
 
 
 # -- bad input ---------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.commands.data import charts
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
-from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
+from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.loading.view_files import Files
 from sucre_bench.programs.charts.charts_json import ChartsFile
 from sucre_bench.programs.charts.proposals import Proposal, detect, propose
@@ -325,28 +325,6 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     assert "1 proposal accepted, 0 left" in result.output
     (view,) = next(sb.load_scenes("photos", root=tmp_path))
     np.testing.assert_allclose(view.charts[0].corners, LYING, atol=7)
-
-
-def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
-    write_scene(tmp_path)
-    rows = []
-    for patch in chart_kind("dgk").patches:
-        numbers = *(np.array(patch.box) * [60, 40, 60, 40]), *patch.lab
-        rows.append(",".join([patch.name, *(f"{v:.3f}" for v in numbers)]))
-    own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b", *rows]
-    (tmp_path / "own.csv").write_text("\n".join(own))
-    marked = json.loads((tmp_path / "charts.json").read_text())
-    (tmp_path / "charts.json").write_text(json.dumps({"kind": "own.csv", **marked}))
-    words = [str(tmp_path / "images" / "b.png"), "--accept", "--kind", str(tmp_path / "own.csv")]
-    result = CliRunner().invoke(charts, words, catch_exceptions=False)
-    assert "1 proposal accepted" in result.output
-    view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
-    (chart,) = view.charts
-    assert chart.kind == str(tmp_path / "own.csv")
-    red = next(reading for reading in measure(view.rgb, chart) if reading.patch.name == "red")
-    np.testing.assert_allclose(
-        red.rgb, 0.1 + np.array([235, 28, 36]) / 255 * [0.2, 0.6, 0.7], atol=0.01
-    )
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from support.places import ROOT
 from sucre_bench import plugins
 from sucre_bench.cli import cli
 from sucre_bench.commands.extend import new as command
-from sucre_bench.programs.contract.write_plugin import checkout_of
 
 Bench = Callable[..., "subprocess.CompletedProcess[str]"]
 KINDS = [("method", ()), ("method", ("--depth",)), ("metric", ()), ("dataset", ())]
@@ -77,19 +76,6 @@ def test_files_in_a_checkout_go_where_they_belong_and_pass_their_tests(checkout:
         assert (checkout / f"{kind}s" / f"{name}.py").is_file()
         assert (checkout / "tests" / f"{kind}s" / f"test_{name}.py").is_file()
     assert "7 passed" in pytest_in(checkout, PYTHONPATH=str(checkout))
-
-
-def test_this_repository_is_known_from_every_folder_of_it(tmp_path: Path) -> None:
-    assert checkout_of(ROOT) == checkout_of(ROOT / "methods" / "sucre") == ROOT
-    assert checkout_of(tmp_path) is None
-
-
-def test_the_documented_method_is_the_one_that_is_written(folder: Path) -> None:
-    page = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
-    (block,) = [one for one in blocks if "class FadeLess" in one]
-    new("method", "fade_less", "--depth")
-    assert (folder / "fade_less.py").read_text() == block
 
 
 def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:

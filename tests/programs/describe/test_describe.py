@@ -73,7 +73,6 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
             lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world),
             "OpenGL poses",
         ),
-        (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
         (
             lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)),
@@ -84,13 +83,8 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
             "inverse depth",
         ),
         (lambda v: with_planes(v, depth=v.depth[::-1].copy()), "turned depth maps"),
-        (lambda v: with_planes(v, depth=v.depth[:, ::-1].copy()), "turned depth maps"),
         (
             lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world) @ FLIP),
-            "inverted poses",
-        ),
-        (
-            lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world)),
             "inverted poses",
         ),
     ],
@@ -253,22 +247,6 @@ def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(
     assert named in names(result.exception)
 
 
-def test_json_holds_every_view_and_fault_and_is_strict(tmp_path: Path) -> None:
-    root = write_dive(tmp_path / "dive")
-    code, said = run(
-        "dataset=colmap", f"dataset.root={root}", "--json", "--no-sheet", "views=[a.png]"
-    )
-    assert code == 0
-    (scene,) = json.loads(said, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
-    assert [view["name"] for view in scene["views"]] == ["a.png"]
-    assert scene["n_views"] == 2
-    assert scene["water"] is None
-    assert scene["views"][0]["coverage"] == pytest.approx(39 / 40)
-    assert all(
-        set(fault) == {"kind", "what", "remedy", "views", "text"} for fault in scene["faults"]
-    )
-
-
 def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> None:
     root = write_dive(tmp_path / "dive", ["a.png"])
     (root / "images" / "a.png").write_bytes(b"no picture")
@@ -306,16 +284,6 @@ def test_one_height_over_flat_ground_cannot_measure_the_water() -> None:
     assert "cannot be measured" in spread(3, 3, 3).sentence()
     assert "dive_gray_world" in spread(3, 3, 3).sentence()
     assert "can measure" in spread(2, 3, 4).sentence()
-
-
-def test_views_apart_and_a_single_view() -> None:
-    views = make_ground(WATERS["coast"], heights_m=(2, 4), width=60, height=45).views
-    away = np.array(views[1].cam_from_world)
-    away[0, 3] += 50
-    apart = spread_of([views[0], replace(views[1], cam_from_world=away)])
-    assert apart
-    assert "No two views" in apart.sentence()
-    assert spread_of(views[:1]) is None
 
 
 def test_describe_and_run_say_it_first_and_a_prepared_scene_needs_no_prepare(

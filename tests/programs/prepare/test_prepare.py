@@ -38,7 +38,7 @@ from sucre_bench.machine import progress
 from sucre_bench.programs.prepare import Options, mapping, result
 from sucre_bench.programs.prepare.photos import Photo, find_photos
 from sucre_bench.programs.prepare.pipeline import prepare, settled_scale
-from sucre_bench.programs.prepare.result import Prepared, read_record
+from sucre_bench.programs.prepare.result import Prepared
 from sucre_bench.programs.prepare.scale import known_scale
 from sucre_bench.programs.prepare.shots import read_shots, undistort, write_model
 
@@ -232,23 +232,6 @@ def test_a_scale_outlives_its_model_where_it_can(prepared: Prepared):
         else:
             assert moved[:3] == (None, {}, False)
             assert len(moved[3]) == 1
-
-
-def test_the_record_holds_values_as_they_are(prepared: Prepared):
-    record = json.loads((prepared.out / "prepare.json").read_text())
-    assert record["options"]["max_size"] == 0
-    assert record["options"]["masks"].endswith("masks")
-    (camera,) = record["cameras"].values()
-    assert (camera["model"], camera["width"], camera["order"]) == (
-        "SIMPLE_RADIAL",
-        WIDTH,
-        ["f", "cx", "cy", "k"],
-    )
-    assert camera["params"][0] == pytest.approx(FOCAL, rel=0.03)
-    assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
-    assert read_record(prepared.out) is not None
-    with pytest.raises(InputError, match=r"--length: -1"):
-        known_scale(lengths=[("a", 0, 0, 1, 1, -1.0)])
 
 
 RULES = Options()

@@ -399,16 +399,6 @@ def test_the_preview_of_the_photograph_goes() -> None:
         assert not image.getexif().get_ifd(IFD.IFD1)
 
 
-def test_a_profile_of_gray_is_not_given_to_colours() -> None:
-    file, gray = io.BytesIO(), PROFILE[:16] + b"GRAY" + PROFILE[20:]
-    Image.fromarray(np.zeros((24, 36), np.uint8)).save(file, "JPEG", icc_profile=gray)
-    with Image.open(
-        io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))
-    ) as image:
-        assert image.mode == "RGB"
-        assert "icc_profile" not in image.info
-
-
 def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
     y, x = np.mgrid[:90, :120] / 120
     photograph = np.stack(

@@ -21,24 +21,6 @@ def test_values_are_read_from_what_rows_say_and_not_from_labels():
     assert words(followed(rows, "degrade.within")) == ["2", "7"]
 
 
-def test_numbers_come_in_their_order_and_what_is_unlimited_last():
-    one = followed(
-        noisy({10: {"a": [1.0]}, None: {"a": [1.0]}, 2: {"a": [1.0]}}, option="within"),
-        "degrade.within",
-    )
-    assert words(one) == ["2", "10", "all"]
-    assert one.reference.word == "all"
-    assert one.title == "sea"
-
-
-def test_no_noise_is_the_number_that_it_is_and_the_reference():
-    one = followed(
-        noisy({0.1: {"a": [1.0]}, None: {"a": [1.0]}, 0.02: {"a": [1.0]}}), "degrade.depth_noise"
-    )
-    assert words(one) == ["0", "0.02", "0.1"]
-    assert one.reference.word == "0"
-
-
 def test_all_values_are_compared_on_the_images_that_all_have():
     """v1 failed at .1 for b alone: it counts nowhere."""
     rows = noisy(
@@ -124,18 +106,6 @@ def test_each_level_has_a_best_of_its_own_and_methods_are_lines(tmp_path: Path):
     ]
 
 
-def test_a_method_without_the_option_is_left_out_and_said():
-    rows = frame(
-        [
-            *(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)),
-            row("plain", "v0", 3.0),
-        ]
-    )
-    one = followed(rows, "method.k")
-    assert (words(one), one.methods) == (["1", "2"], ("m",))
-    assert any(said.startswith("plain ") and said.endswith(" k") for said in left_out(one.scores))
-
-
 def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
     rows = frame([row("m", "v0", 1.0, options={"steps": 1})])
     with pytest.raises(NotApplicableError, match="'steps'"):
@@ -143,12 +113,6 @@ def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
     written = write(Study("s", along="method.step"), rows, tmp_path)
     assert written.paths == ()
     assert "tables: not made" in written.notes[0]
-
-
-def test_added_waters_are_told_by_their_attenuation():
-    waters = [[0.1, 0.2, 0.3, *beta, 0.1, 0.1, 0.1] for beta in ([0.9, 0.3, 0.3], [0.2, 0.1, 0.0])]
-    rows = frame(row("a", "v0", 1.0, {"add_water": water}) for water in waters)
-    assert words(followed(rows, "degrade.add_water")) == ["0.1", "0.5"]
 
 
 def test_different_waters_of_one_attenuation_are_not_mixed():

@@ -63,42 +63,12 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     assert not study.along or study.along in sweeper["params"]
 
 
-def test_what_an_experiment_sweeps_over_may_be_given():
-    sweep = compose_jobs.jobs(
-        ["experiment=degradation", "method=sucre", "degrade.within=50,null"], False
-    )
-    assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
-        ("demo,within=50", "sucre"),
-        ("demo", "sucre"),
-    ]
-    assert all(
-        job.study == Study.of(job.study.__dict__) and job.study.along == "degrade.within"
-        for job in sweep.jobs
-    )
-
-
-def test_the_ablation_varies_where_water_and_colours_come_from():
-    jobs = {
-        job.method.label: job.method.options
-        for job in compose_jobs.jobs(["experiment=ablation"], False).jobs
-    }
-    chosen = {
-        label: (own["water"], own["colours"]) for label, own in jobs.items() if "water" in own
-    }
-    assert chosen == {
-        "sucre_multi_view_J": ("seathru", "multi_view"),
-        "sucre_multi_view_water": ("own", "single_view"),
-        "sucre": ("own", "multi_view"),
-    }
-
-
 @pytest.mark.parametrize(
     ("swept", "expected"),
     [
         ("degrade.bits=3,null,5", ["3", "5", "none"]),
         ("degrade.depth_noise=0.1,0,0.02", ["0", "0.02", "0.1"]),
         ("dataset.water=turbid,clear", ["turbid", "clear"]),
-        ("method.refine=true,false", ["True", "False"]),
     ],
 )
 def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):

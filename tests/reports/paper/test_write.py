@@ -68,13 +68,6 @@ def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
         Study.of({"name": "s", "by": "regoin"})
 
 
-def test_figures_may_be_asked_for_as_svg_too(tmp_path: Path):
-    rows = frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)])
-    for svg, suffixes in ((True, {".png", ".pdf", ".svg"}), (False, {".png", ".pdf"})):
-        write(Study("s", figures=("scores",), svg=svg), rows, tmp_path)
-        assert {path.suffix for path in (tmp_path / "figures").iterdir()} == suffixes
-
-
 def test_metrics_and_baselines_that_are_not_there_are_notes(tmp_path: Path):
     rows = frame([row("a", "v0", 20.0), row("b", "v0", 21.0)])
     written = write(Study("s", metrics=("psnr", "psi"), baseline="c"), rows, tmp_path)
@@ -116,8 +109,12 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     drawn("nothing", nothing)
     drawn("half", half)
     rows = frame([row(m, f"v{n}", 20.0 + n + (m == "b")) for m in "ab" for n in range(2)])
-    written = write(Study("s", figures=("breaks", "nothing", "half", "scores")), rows, tmp_path)
-    names = {f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")}
+    written = write(
+        Study("s", figures=("breaks", "nothing", "half", "scores"), svg=True), rows, tmp_path
+    )
+    names = {
+        f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf", "svg")
+    }
     assert {path.name for path in written.paths if path.parent.name == "figures"} == names
     assert "s-breaks: failed, ZeroDivisionError: by nought" in written.notes[0]
     assert "by nought" in (tmp_path / "logs/failures.log").read_text()
@@ -126,25 +123,6 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     ):
         assert note.startswith(f"s-{name}: ")
         assert reason in note
-
-
-def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(
-    tmp_path: Path, drawn: Any
-):
-    from matplotlib.figure import Figure
-
-    def draws(results: object) -> Iterator[Any]:
-        yield (), Figure()  # of what methods told, say
-
-    drawn("draws", draws)
-    rows = frame([row(m, f"v{n}", 20.0 + n) for m in "ab" for n in range(2)])
-    assert len(write(Study("s", metrics=("psnr",)), rows, tmp_path).paths) == 3
-    written = write(Study("s", metrics=("psi", "de00:lab"), figures=("draws",)), rows, tmp_path)
-    assert [note.partition(":")[0] for note in written.notes] == ["s", "s"]
-    assert "psi, de00:lab" in written.notes[0]
-    assert "tables" in written.notes[1]
-    assert {path.name for path in written.paths} == {"s-draws.png", "s-draws.pdf"}
-    assert not list((tmp_path / "tables").iterdir())
 
 
 def test_where_nothing_was_restored_nothing_of_before_is_left(tmp_path: Path):

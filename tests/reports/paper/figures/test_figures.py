@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,6 @@ from PIL import Image
 from support.made_results import drawn, row
 
 from sucre_bench import compare
-from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import style
 from sucre_bench.reports.paper.study_results import Value
 from sucre_bench.results.rows import Row, frame
@@ -83,34 +81,6 @@ def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
     )
 
 
-def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_asked_for():
-    values = {"a": [1, 2], "b": [3, 4]}
-    cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
-    same = table({"a": [1, 1], "b": [1, 1]}, metric="coverage")
-    rows = frame(
-        [*table(values), *same, *table(values, metric="hue", better="none"), *table(values, **cost)]
-    )
-
-    def shown(**study: Any) -> list[str]:
-        (figure,) = drawn("scores", rows, **study).values()
-        return [panel.get_xlabel().split()[0] for panel in figure.axes if panel.get_visible()]
-
-    assert shown() == ["psnr"]
-    assert shown(metrics=("seconds", "psnr")) == ["seconds", "psnr"]
-
-
-@pytest.mark.parametrize(("near", "is_said"), [(19.9, True), (15.0, False)])
-def test_hollow_marks_are_explained_where_there_are_any(near: float, is_said: bool):
-    noise = np.random.default_rng(0).normal(0, 1, 24)
-    values = {"low": 10 + noise, "top": 20 + noise, "near": near + noise[::-1]}
-    (figure,) = drawn("scores", frame(table(values))).values()
-    (panel,) = figure.axes
-    dots = [line for line in panel.lines if len(line.get_xdata()) == 1]
-    assert any(dot.get_markerfacecolor() == "white" for dot in dots) == is_said
-    told = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert any("chance" in text for text in told) == is_said
-
-
 @pytest.mark.parametrize(("slow", "scale"), [(50.0, "log"), (5.0, "linear")])
 def test_seconds_of_unlike_methods_are_on_a_logarithmic_axis(slow: float, scale: str):
     cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
@@ -166,25 +136,6 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
     assert "frames" in named.get_supxlabel()
 
 
-def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
-    scored = {("sea", None): 20, ("sea", 2): 20, ("lake", None): 20, ("lake", 2): 18}
-    rows = [
-        each
-        for (name, within), value in scored.items()
-        for each in table(
-            {"a": [value, value + 4]},
-            dataset={"name": name},
-            degrade={"within": within} if within else {},
-        )
-    ]
-    found = drawn("against", frame(rows), along="degrade.within")
-    assert {name: type(figure).__name__ for name, figure in found.items()} == {
-        "sea": "NotApplicableError",
-        "lake": "Figure",
-    }
-    assert re.search(r"\bsea\b.*\bwithin\b", str(found["sea"]))
-
-
 # -- pictures ----------------------------------------------------------------------------------------------
 
 
@@ -224,19 +175,6 @@ def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
     assert grays(figure) == [[10, 100, 110, 200], [11, 101, None, 201]]
     heads = [panel.get_title() for panel in figure.axes[:4]]
     assert heads == ["input", "b", "a", "reference"]
-
-
-def test_pictures_of_repetitions_and_runs_without_any_are_not_drawn(tmp_path: Path):
-    rows = kept(tmp_path, 1, ["a"])
-    again = rows.assign(scene="reef,replicate=1")
-    for tree in ("views/sea", "restored/sea/a"):
-        (tmp_path / tree / "replicate=1").mkdir()
-        for path in list((tmp_path / tree).glob("v0.*")):
-            (tmp_path / tree / "replicate=1" / path.name).write_bytes(path.read_bytes())
-    (figure,) = drawn("pictures", pd.concat([rows, again]), tmp_path).values()
-    assert len(grays(figure)) == 1
-    with pytest.raises(NotApplicableError, match="no pictures"):
-        drawn("pictures", rows, tmp_path / "elsewhere")
 
 
 # By metric: scores of the methods, and what Kendall's tau with the true order a < b < c < d is.

@@ -75,17 +75,6 @@ def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(
     assert y.max() == pytest.approx(1 / (0.01 * np.sqrt(2 * np.pi)), rel=0.05)
 
 
-def test_the_normal_plot_holds_the_quantiles_and_their_line(fitted: Fitted, tmp_path: Path) -> None:
-    rows, info = fitted
-    for c, axis in enumerate(drawn("residuals", rows, tmp_path)["normal-made-m-a"].axes):
-        line, points = axis.lines
-        np.testing.assert_array_equal(
-            points.get_ydata(), info["residuals"]["normal"]["quantiles"][c]
-        )
-        x, y = line.get_data()
-        assert np.polyfit(x, y, 1)[0] == pytest.approx(0.01, rel=0.05)
-
-
 def test_the_density_has_residuals_upwards_and_fits_to_the_right(
     fitted: Fitted, tmp_path: Path
 ) -> None:
