@@ -90,7 +90,6 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(
     words = [
         "method=sucre,sucre_paper",
         "metrics=[coverage]",
-        "sucre_paper.steps=5",
         "first=1",
         "tracking.uri=off",
         f"out={tmp_path}",
