@@ -35,22 +35,31 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     ("line", "words"),
     [
         ("sucre-bench comp", ["compare", "completion"]),
+        ("sucre-bench run --mult", ["--multirun"]),
         ("sucre-bench run meth", ["method=", "method."]),
         ("sucre-bench run method=gray_w", ["method=gray_world"]),
         ("sucre-bench run -m method=gray_world,gray_", []),  # no name twice
         ("sucre-bench run -m method=clahe,gray_w", ["method=clahe,gray_world"]),
+        ("sucre-bench run experiment=table", ["experiment=table1"]),
+        ("sucre-bench run dataset=colm", ["dataset=colmap"]),
         ("sucre-bench run metrics=psn", ["metrics=psnr"]),
         ("sucre-bench run 'metrics=[psn", ["metrics=[psnr"]),
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr"]),
         ("sucre-bench run method.phys", ["method.physical="]),  # of the method that runs by default
         ("sucre-bench run method=sucre_torch method.enc", ["method.encoding="]),  # of a preset
         ("sucre-bench run method=gray_world method.enc", []),
+        ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
+        ("sucre-bench run shard.", ["shard.index=", "shard.count="]),
+        ("sucre-bench run nothing.like=", []),
         ("sucre-bench run -m method=sucre,onnx onn", ["onnx."]),
         ("sucre-bench run -m method=sucre,onnx onnx.mod", ["onnx.model="]),
         ("sucre-bench run -m method=gray_world,sucre method.enc", ["method.encoding="]),
         ("sucre-bench run 'metrics=[psnr,uciqe:mat", ["metrics=[psnr,uciqe:matlab"]),
+        ("sucre-bench describe colm", ["colmap"]),
         ("sucre-bench describe colmap dataset.roo", ["dataset.root="]),
         ("sucre-bench score x --metrics psi,psn", ["psi,psnr"]),
+        ("sucre-bench score x --metrics ssim:al", ["ssim:all"]),
+        ("sucre-bench compare x --format l", ["latex"]),
         ("sucre-bench completion ", ["bash", "zsh", "fish"]),
     ],
 )

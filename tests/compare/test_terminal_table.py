@@ -411,7 +411,7 @@ LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbou
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-@pytest.mark.parametrize("label", ["short", LONG[:50]])
+@pytest.mark.parametrize("label", ["short", LONG[:40], LONG[:50]])
 def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label: str):
     renamed = {
         metric: {label if m == "plain" else m: v for m, v in own.items()}

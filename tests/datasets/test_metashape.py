@@ -62,7 +62,7 @@ def test_depth_maps_in_units_of_the_chunk(tmp_path: Path) -> None:
     assert load(tmp_path).data_id != load(tmp_path, depth_units="chunk").data_id
 
 
-@pytest.mark.parametrize("lens", ["every term", "fisheye"])
+@pytest.mark.parametrize("lens", ["usual", "every term", "fisheye"])
 def test_depth_maps_that_match_the_photographs(tmp_path: Path, lens: str) -> None:
     write_survey(tmp_path, lens)
     for number in range(2):

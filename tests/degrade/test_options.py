@@ -129,11 +129,17 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(
     [
         ("nois=1", {"degrade.nois", "'noise'"}),
         ("noise=-1", {"degrade.noise", "-1.0", "[0, 1]"}),
+        ("noise=nan", {"degrade.noise", "nan", "[0, 1]"}),
         ("noise=lots", {"degrade.noise", "lots", "number"}),
         ("bits=0", {"degrade.bits", "0", "whole", "[1, 16]"}),
+        ("jpeg_quality=101", {"degrade.jpeg_quality", "101", "whole", "[1, 100]"}),
+        ("keep=0", {"degrade.keep", "0", "whole", "[1, inf)"}),
         ("scale=0", {"degrade.scale", "0.0", "[0.01, 1]"}),
+        ("scale=null", {"degrade.scale"}),
+        ("add_water=5", {"degrade.add_water", "nine"}),
         ("add_water=[1,2,3]", {"degrade.add_water", "nine"}),
         ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]", "beta"}),
+        ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]"}),
         ("add_water=absent.json", {"absent.json", "file"}),
     ],
 )

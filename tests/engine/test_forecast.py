@@ -21,8 +21,6 @@ def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(tmp_pat
     assert run(out, "first=1").ok == 1
     (after_one,) = forecast(words, False)
     assert after_one.stored == 1
-    (shards,) = forecast([*words, "shard.count=3", "shard.index=range(3)"], True)
-    assert (shards.jobs, shards.views, shards.stored) == (3, 3, 1)
     assert after_one.seconds == 2 * results.read(out)["seconds"].iloc[0]
     (other,) = forecast([*words, "method.gain=3", "overwrite=always"], False)
     assert math.isnan(other.seconds), "other options are no measure"

@@ -81,9 +81,15 @@ def test_what_changed_is_computed_again_and_nothing_else(
     assert len(calls(log)) == before + again
 
 
-def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path):
-    file = tmp_path / "table"
-    options = ("method=tabulated", f"method.table={file}")
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
+    table = tmp_path / "table"
+    if folder:
+        table.mkdir()
+    file, options = (
+        table / "gain" if folder else table,
+        ("method=tabulated", f"method.table={table}"),
+    )
     file.write_text("1.5")
     assert run(out, *options).cached == 0
     first = run(out, *options)

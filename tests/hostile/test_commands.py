@@ -27,10 +27,17 @@ LONG = "x" * 300
 RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"
 
 RUN_SUCRE = RUN.replace("=gray_world", "=sucre")
+RUN_COMMAND = RUN.replace("=gray_world", "=command \"method.run='cp {input} {output}'\"")
 
 # A command, its exit code, a pattern of what it says on stderr.
 CASES: dict[str, tuple[str, int, str]] = {
     "no results folder's name": (f"{RUN} out=", 2, r"^error: out: .*empty; "),
+    "no time for a view": (f"{RUN} view_timeout_s=0", 2, r"view_timeout_s"),
+    "a word for overwrite that is none": (
+        f"{RUN} overwrite=perhaps",
+        2,
+        r"overwrite.*(missing|always)",
+    ),
     "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: .*file; "),
     "a water that is not there": (
         f"{RUN_SUCRE} method.water=none.json",
@@ -39,17 +46,44 @@ CASES: dict[str, tuple[str, int, str]] = {
     ),
     "a pipe as water": (f"{RUN_SUCRE} method.water=pipe.yaml", 2, r"pipe\.yaml: .*pipe; "),
     "no water in a file": (f"{RUN_SUCRE} method.water=empty.json", 2, r"empty\.json: .*\bB\b.*; "),
+    "no water in a folder": (
+        f"{RUN_SUCRE} method.water=dive/images",
+        2,
+        r"dive/images: holds no \.json.*; ",
+    ),
+    "a pipe as network": (
+        "run dataset=colmap dataset.root=dive method=onnx method.model=pipe.onnx",
+        2,
+        r"pipe\.onnx: .*pipe; .*method\.model",
+    ),
+    "a pipe as what a command rests on": (
+        f"{RUN_COMMAND} method.rests_on=pipe.py",
+        2,
+        r"pipe\.py: .*pipe; .*method\.rests_on",
+    ),
     "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: .*pipe; "),
+    "a pipe as reference": ("score dive/images --reference pipe.py", 2, r"pipe\.py: .*pipe; "),
     "a pipe as score table": (f"{RUN} out=piped", 2, r"piped/scores\.parquet: .*pipe; "),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
+    "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
     "a variable that is not set": ("prepare '' out", 2, r"PHOTOS.*: is empty; "),
+    "an empty root to run": (f"{RUN} dataset.root=", 2, r"^error: dataset\.root: is empty; "),
+    "an empty plugin to run": (f"{RUN} --plugin ''", 2, r"--plugin.*: is empty; "),
     "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: is 9+; .*below"),
+    "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
+    "a reference to nothing": (f"{RUN} baseline='${{nope}}'", 2, r"baseline: .*'nope'.*; "),
     "an image whose name is no UTF-8": (
         "score latin",
         2,
         r"^error: latin/\\udce9\.png: .*UTF-8; rename",
     ),
     "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),
+    "a method twice in an experiment": ("run twice.yaml", 2, r"two jobs .* are the same, .*clahe"),
+    "a pixel at infinity": (
+        "prepare dive/images out --length a.png inf 1 2 2 1",
+        2,
+        r"--length: inf; ",
+    ),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of six lines": (
         "compare 'a\r\v\f\x85\u2028b'",
@@ -58,7 +92,10 @@ CASES: dict[str, tuple[str, int, str]] = {
     ),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep experiment": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
+    "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
+    "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),
+    "a long name of a new plugin": (f"new method {LONG}", 2, LONG),
 }
 
 

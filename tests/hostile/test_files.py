@@ -5,6 +5,7 @@ import html
 import io
 import os
 import re
+import socket
 import struct
 import zipfile
 import zlib
@@ -104,6 +105,16 @@ def pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
+def bound_socket(path: Path) -> None:
+    here = Path.cwd()
+    os.chdir(path.parent)  # an address has 108 bytes
+    try:
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(path.name)
+    finally:
+        os.chdir(here)
+
+
 def written(content: bytes) -> Callable[[Path], None]:
     """Write some content, whatever the file's name says it is."""
     return lambda path: path.write_bytes(content) and None
@@ -122,16 +133,31 @@ TWO = (picture(1), picture(2))
 IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
+    "a PNG of a forged size of the camera's shape": (
+        ".png",
+        written(png_of_size(40000, 30000)),
+        "megapixels",
+    ),
     "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
     "a TIFF of two pages": (".tif", written(tiff_of_pages(*TWO)), "several pictures"),
+    "a TIFF that begins with a thumbnail": (
+        ".tif",
+        written(tiff_of_pages(TWO[0][::2, ::2], TWO[1], reduced=0)),
+        "several pictures",
+    ),
     "an animation": (".png", written(animation(*TWO)), "several pictures"),
     "one pixel": (".png", written(one_pixel(".png")), "is 1x1"),
     "a device": (".png", device, "is a device"),
     "a pipe": (".png", pipe, "is a named pipe"),
+    "a socket": (".png", bound_socket, "is a socket"),
 }
 DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
+    "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
+    "one pixel": (".png", written(one_pixel(".png")), "uint8"),
     "an archive": (".npy", written(npz_of_shape((30000, 40000))), "cannot be read"),
+    "a device": (".png", device, "is a device"),
     "a pipe": (".tif", pipe, "is a named pipe"),
 }
 
@@ -280,6 +306,8 @@ def test_images_that_use_12_of_16_bits_are_said(tmp_path: Path, factor: int, not
 PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {
     "an .npz of 4.8 GB": (".npz", npz_of_shape((30000, 40000, 1)), "megapixels|cannot be read"),
     "a PNG of a forged size": (".png", png_of_size(30000, 30000), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", tiff_of_size(40000, 30000), "megapixels"),
+    "one pixel": (".png", one_pixel(".png"), "is 1x1"),
     "an object": (
         ".npy",
         b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }"

@@ -31,6 +31,11 @@ CASES: dict[str, tuple[str, str, str]] = {
         "pipe.csv",
         "pipe.*another file",
     ),
+    "a study over the score table": (
+        "study results --methods gray_world,clahe --out results/scores.parquet",
+        "results/scores.parquet",
+        r"suffix.*\.html",
+    ),
     "a study over the report": (
         "study results --methods gray_world,clahe --out results/report/index.html",
         "results/report/index.html",
@@ -46,6 +51,16 @@ CASES: dict[str, tuple[str, str, str]] = {
         "theirs.csv",
         "exists",
     ),
+    "a study over a page of others": (
+        "study results --methods gray_world,clahe --out theirs.html",
+        "theirs.html",
+        "exists.*--force",
+    ),
+    "a contact sheet over a photograph of others": (
+        "describe colmap dataset.root=dive --sheet theirs.png",
+        "theirs.png",
+        "exists",
+    ),
     "a bundle over an archive of others": ("bundle results theirs.zip", "theirs.zip", "exists"),
     "results over the files of a project": (
         "run dataset=colmap dataset.root=dive method=clahe out=project",
@@ -57,7 +72,13 @@ CASES: dict[str, tuple[str, str, str]] = {
         "dive/images",
         "photographs",
     ),
+    "pictures among the photographs": (
+        "restore dive/images dive/images/restored",
+        "dive/images/restored",
+        "photographs",
+    ),
     "pictures over an album": ("restore dive/images album", "album", "other files"),
+    "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
     "pictures where a link leads": (
         "restore dive/images linked",
         "linked/pictures",

@@ -208,8 +208,8 @@ def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
     assert done.returncode == 1
 
 
-def test_two_scores_of_one_region_are_none(tmp_path: Path):
-    region = "patch 7"
+@pytest.mark.parametrize("region", ["image", "patch 7"])
+def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
     done = run_here(
         tmp_path,
         *words(
@@ -223,7 +223,7 @@ def test_two_scores_of_one_region_are_none(tmp_path: Path):
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize(("kind", "name"), [("view", "./"), ("scene", "/")])
+@pytest.mark.parametrize(("kind", "name"), [("view", "''"), ("view", "./"), ("scene", "/")])
 def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(
     tmp_path: Path, kind: str, name: str
 ):

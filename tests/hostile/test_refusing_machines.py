@@ -78,17 +78,47 @@ RESULTS = f"{RUN} report=false save=full out=results"
 # What this user must not do, a command, and a pattern of its line.
 FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
     "enter a dataset": ("dive", 0o600, f"{RUN} out=x", r"dive/\S+: .*Permission denied; "),
+    "enter a folder of images": (
+        "dive/images",
+        0o600,
+        f"{RUN} out=x",
+        r"dive/images/a\.png: .*Permission denied; ",
+    ),
     "list a folder of images": (
         "dive/images",
         0o300,
         "run dataset=photos dataset.root=dive/images method=gray_world out=x",
         r"dive/images: .*Permission denied; ",
     ),
+    "enter a folder of photos": (
+        "dive/images",
+        0o600,
+        "prepare dive/images x",
+        r"\ba\.png: .*Permission",
+    ),
     "read a score table": (
         "results/scores.parquet",
         0o200,
         "compare results",
         r"parquet: .*Permission denied; let",
+    ),
+    "read the score table of a run": (
+        "results/scores.parquet",
+        0o200,
+        RESULTS,
+        r"parquet: .*Permission denied; let",
+    ),
+    "enter a results folder": (
+        "results",
+        0o600,
+        "compare results",
+        r"results/.*Permission denied; let",
+    ),
+    "list the parts of a score table": (
+        "parted/parts",
+        0o300,
+        "compare parted",
+        r"parted/parts: .*Permission denied; let",
     ),
     "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: .*written.*; "),
     "write a plugin": ("full", 0o500, "new method mine --package full", r"full/.*: .*written.*; "),

@@ -52,6 +52,11 @@ CASES = {
         f"{RUN} {GRAY} views=[aa.png]", r"did you mean '(.*?)'", (f"{RUN} {GRAY} views=[{{1}}]",)
     ),
     "a word without =": Case(f"{RUN} {GRAY} gray_wrld", r"write sucre-bench (run .*)", ("{1}",)),
+    "no metric": Case(
+        f"{RUN} method=gray_world metrics=[]",
+        r"add metrics=\[NAME,\.\.\.\], `sucre-bench (list metrics)`",
+        ("{1}", f"{RUN} {GRAY}"),
+    ),
     "a shard that is none": Case(
         f"{RUN} {GRAY} shard.count=2 shard.index=2",
         r"run (-m) (shard.count=8) '(shard.index=.*?)'",
@@ -81,6 +86,36 @@ CASES = {
     "no bundle": Case(
         "verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")
     ),
+    "a bundle of another suffix": Case("bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)),
+    "a limit without a baseline": Case(
+        "compare done --fail-below coverage=-0.5",
+        r"needs (--baseline) METHOD",
+        ("compare done --fail-below coverage=-0.5 {1} gray_world",),
+    ),
+    "a mistyped limit": Case(
+        "compare done --baseline gray_world --fail-below nonsense",
+        r"write METRIC=NUMBER",
+        ("compare done --baseline gray_world --fail-below coverage=-1",),
+    ),
+    "a metric without scores": Case(
+        "compare done --metric nope", r"known: (\w+)", ("compare done --metric {1}",)
+    ),
+    "a study of one method": Case(
+        "study done --methods gray_world --out a.html",
+        r"--methods.*two",
+        ("study done --methods gray_world,underwater --out a.html",),
+    ),
+    "a method without pictures": Case(
+        "study done --methods gray_world,nope --out a.html",
+        r"known: (\w+), (\w+)",
+        ("study done --methods {1},{2} --out a.html",),
+    ),
+    "a folder that is nowhere": Case(
+        f"{RUN} {GRAY} dataset.root=nowhere",
+        r"as (dataset\.root=)DIR",
+        (f"{RUN} {GRAY} {{1}}dive",),
+    ),
+    "a plugin's name in capitals": Case("new method Mine", r"; .* (\w+)$", ("new method {1}",)),
 }
 
 

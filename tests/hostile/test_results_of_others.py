@@ -161,7 +161,9 @@ def test_a_bundle_without_a_score_is_one_line(place: Path):
     assert "empty.zip: no score there; " in done.stderr
 
 
-@pytest.mark.parametrize("changed", [{"git_dirty": "x"}, {"command": ["\udc80"]}])
+@pytest.mark.parametrize(
+    "changed", [{"git_dirty": "x"}, {"git_commit": 5}, {"machine": {}}, {"command": ["\udc80"]}]
+)
 def test_an_environment_of_another_form_is_no_part_of_the_page(
     place: Path, changed: dict[str, object]
 ):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from support.command_line import run_here
 from support.places import TOYS
@@ -39,6 +40,13 @@ def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-200])
 
 
+def scrambled(path: Path) -> None:
+    ROWS.to_parquet(path, index=False)
+    content = bytearray(path.read_bytes())
+    content[40:400] = np.random.default_rng(0).bytes(360)
+    path.write_bytes(content)
+
+
 def no_text(path: Path) -> None:
     ROWS.to_parquet(path, index=False, compression=None)
     path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
@@ -46,13 +54,16 @@ def no_text(path: Path) -> None:
 
 FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text for numbers": (column("value", "high"), "column 'value'"),
+    "no time": (column("time", "yesterday"), "column 'time'"),
     "negative pixels": (column("n_pixels", -1), "column 'n_pixels'"),
     "null views": (column("view", [None, *ROWS["view"][1:]]), "column 'view'"),
     "an unknown status": (column("status", "fine"), "column 'status'"),
     "options that are no JSON": (column("options", "{"), "column 'options'"),
+    "options that are no UTF-8": (column("options", '{"gain": "\\udc80"}'), "column 'options'"),
     "deep options": (column("options", "[" * 100_000), "column 'options'"),
     "a column is missing": (without("region"), "column 'region'"),
     "cut short": (cut, "scores.parquet: not"),
+    "overwritten inside": (scrambled, "scores.parquet: not"),
     "bytes that are no text": (no_text, "scores.parquet: not"),
     "a folder": (lambda path: path.mkdir(), ""),
 }

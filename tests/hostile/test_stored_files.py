@@ -29,7 +29,7 @@ def restored_views(folder: Path) -> list[str]:
 
 
 CUT = b'{"picture": "v1.png", "files": {'
-BAD_LINES = {"deep": b"[" * 100_000, "cut": CUT}
+BAD_LINES = {"none": b"", "other": b"[]", "deep": b"[" * 100_000, "cut": CUT, "raw": b"\xff"}
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
 
 
 @pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
-@pytest.mark.parametrize("turn", [0, 1])
+@pytest.mark.parametrize("turn", range(4))
 def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
     corners = np.roll(TILTED, turn, axis=0)
     readings = measure(painted(kind, corners), Chart("c", kind.name, corners))

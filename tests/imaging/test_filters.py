@@ -141,7 +141,7 @@ def images(size: tuple[int, int], count: int = 2) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("levels", [9])
+@pytest.mark.parametrize("levels", [1, 3, 9])
 def test_with_constant_weights_it_is_the_weighted_mean(size: tuple[int, int], levels: int):
     inputs = images(size, 3)
     shares = [0.2, 0.5, 0.3]

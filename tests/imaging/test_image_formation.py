@@ -147,7 +147,7 @@ def test_a_single_distance_is_said_to_tell_nothing(method: str):
 
 
 @each
-@pytest.mark.parametrize("astray_m", [300.0])
+@pytest.mark.parametrize("astray_m", [15.0, 300.0])
 def test_distances_gone_astray_hardly_move_the_water(method: str, astray_m: float):
     """Sixty of 19,200, which lie at two to eight metres."""
     view = random_seabed(8) if method == "seathru" else normal_seabed(8)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.bent_rays import bent
-from support.colmap_folder import FORWARD, write_image, write_model
+from support.colmap_folder import FORWARD, to_binary, write_image, write_model
 
 from sucre_bench import Camera, InputError
 from sucre_bench.datasets.colmap import Colmap
@@ -200,14 +200,17 @@ PIXELS: dict[str, tuple[str, tuple[float, float], tuple[float, float]]] = {
 }
 
 
+@pytest.mark.parametrize("form", ["text", "binary"])
 @pytest.mark.parametrize("model", PIXELS)
 def test_an_image_of_each_camera_model_of_colmap_is_undistorted_on_the_way(
-    tmp_path: Path, model: str
+    tmp_path: Path, model: str, form: str
 ):
     parameters, ray, pixel = PIXELS[model]
     write_model(
         tmp_path / "sparse", [("a.png", FORWARD, 1)], cameras=[f"1 {model} 640 480 {parameters}"]
     )
+    if form == "binary":
+        to_binary(tmp_path / "sparse")
     write_image(tmp_path / "images" / "a.png", (255 * spot_image(np.array(pixel))).astype(np.uint8))
     view = next(iter(Colmap(root=tmp_path, undistort=True).scenes()))["a.png"]
     np.testing.assert_allclose(centre(view.rgb), (view.camera.K @ [*ray, 1])[:2], atol=0.1)

@@ -76,10 +76,12 @@ def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_s
     ("change", "named"),
     [
         ({"2.png": scenery(9)}, {"1", "missing", "2.png"}),
+        ({"2.png": scenery(1)}, {"1", "missing", "2.png"}),
         ({"5.png": scenery(1)}, {"1", "twice"}),
         ({"2.png": np.clip(scenery(2) * 1.3, 0, 255).astype(np.uint8)}, {"1", "changed", "2.png"}),
+        ({"2.png": scenery(2)[12:-12, 16:-16]}, {"1", "missing", "2.png"}),
     ],
-    ids=["another picture", "twice", "brighter"],
+    ids=["another picture", "one for another", "twice", "brighter", "cropped"],
 )
 def test_a_set_that_is_not_as_published_is_one_line(
     bench: Bench, made: Path, tmp_path: Path, change: dict[str, np.ndarray], named: set[str]

@@ -19,6 +19,12 @@ from sucre_bench.machine import provenance
         (["run", "method=tacl", "method.weights=photos/a.jpg"], "torch", "method 'tacl'", "torch"),
         (["run", "method=sucre", "method.backend=jax"], "jax", "method.backend=jax", "jax"),
         (
+            ["run", "method=sucre_plus", "method.backend=torch"],
+            "torch",
+            "method.backend=torch",
+            "torch",
+        ),
+        (
             ["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"],
             "mlflow",
             "tracking.uri",
@@ -26,6 +32,8 @@ from sucre_bench.machine import provenance
         ),
         (["track", "."], "mlflow", "track", "mlflow"),
         (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
+        (["prepare", "photos", "dive"], "open3d", "prepare", "surfaces"),
+        (["restore", "photos", "out"], "pycolmap", "restore", "prepare"),
     ],
 )
 def test_what_is_missing_is_said_before_any_work(

@@ -27,6 +27,9 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean((image * factor - truth) ** 2)))
 
 
+# Dark pixels
+
+
 def test_dark_pixels_are_the_darkest_of_each_bin():
     rng = np.random.default_rng(1)
     z, intensity = rng.uniform(1, 11, 5000), rng.random((5000, 3))

@@ -66,7 +66,7 @@ def test_functions_of_colour_and_distance_have_no_seam(restore: object) -> None:
     assert share(restore(IMAGE, Z)) < 2e-4
 
 
-@pytest.mark.parametrize("angle", [0, 20, 130])
+@pytest.mark.parametrize("angle", [0, 20, 45, 75, 90, 130])
 def test_a_seam_is_found_along_its_length_whatever_its_direction(angle: int) -> None:
     y, x = np.mgrid[:H, :W]
     side = (x - W / 2) * np.cos(np.radians(angle)) + (y - H / 2) * np.sin(np.radians(angle))
@@ -79,7 +79,7 @@ def test_a_seam_is_found_along_its_length_whatever_its_direction(angle: int) -> 
     assert found.is_seam[away].mean() < 1e-3
 
 
-@pytest.mark.parametrize("height", [0.2])
+@pytest.mark.parametrize("height", [0.1, 0.2, 0.4])
 def test_the_excess_is_the_height_of_the_seam_and_falls_as_the_strips_leave_it(
     height: float,
 ) -> None:

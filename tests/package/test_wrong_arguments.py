@@ -164,6 +164,13 @@ TAKEN: dict[str, str] = {
 }
 
 
+@dataclass(frozen=True, eq=False)
+class Dive(sb.View):
+    """A view as somebody's plugin may extend it."""
+
+    diver: str = ""
+
+
 @pytest.mark.parametrize(
     "sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"]
 )

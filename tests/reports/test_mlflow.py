@@ -215,11 +215,19 @@ def test_environment_variables_of_mlflow_are_the_defaults(
     elsewhere = f"sqlite:///{shutil.copy(empty, tmp_path / 'elsewhere.db')}"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
     monkeypatch.setenv("MLFLOW_EXPERIMENT_NAME", "dives")
-    for choice, method in (("", "gain"), ("tracking=off", "gain")):
+    shutil.copytree(empty.parent, tmp_path / "local")
+    for choice, method in (("", "gain"), ("tracking=local", "gain2"), ("tracking=off", "gain")):
         out = choice.partition("=")[2] or "out"
         done = bench(*RUN, f"method={method}", f"out={out}", *([choice] if choice else []))
         assert done.returncode == 0, done.stderr
     assert {run.data.tags.get("method", "") for run in runs(elsewhere, "dives")} == {"", "gain"}
+    assert {
+        run.data.tags.get("method", "")
+        for run in runs(f"sqlite:///{tmp_path}/local/mlflow.db", "dives")
+    } == {
+        "",
+        "gain2",
+    }
     assert not list((tmp_path / "off").glob("mlflow*"))
     assert bench("track", "off").returncode == 0
     assert len(runs(elsewhere, "dives")) == 4
@@ -373,9 +381,12 @@ def test_what_is_broken_off_goes_on(
     )
 
 
-def test_a_store_that_cannot_be_used_is_named_with_the_reason(bench, tmp_path: Path):
+@pytest.mark.parametrize("content", [b"no database", None])
+def test_a_store_that_cannot_be_used_is_named_with_the_reason(
+    bench, tmp_path: Path, content: bytes | None
+):
     bench(*RUN, "method=gain", "out=out", "tracking=off")
     store = tmp_path / "store.db"
-    store.write_bytes(b"no database")
+    store.mkdir() if content is None else store.write_bytes(content)
     with pytest.raises(InputError, match=r"store\.db: mlflow "):
         log(tmp_path / "out", Place(f"sqlite:///{store}", "sucre_bench"))

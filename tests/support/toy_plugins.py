@@ -12,10 +12,11 @@ import resource
 import signal
 import stat
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,6 +37,7 @@ from sucre_bench import (
     metric,
 )
 from sucre_bench.errors import DiskFullError
+from sucre_bench.plugins.call_method import is_stored_in_full
 
 
 @dataset()
@@ -131,6 +133,20 @@ class AlsoGain(Gain):
     """The same under another name."""
 
 
+@method()
+@dataclass(frozen=True)
+class Gated(Gain):
+    """Fails on the first view until a file is there, and says whether all of its result is wanted."""
+
+    gate: Path = Path("gate")
+    """The file."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        if view.name == "v0.png" and not self.gate.is_file():
+            raise ValueError("the gate is closed")
+        return replace(super().restore(scene, view), info={"in_full": is_stored_in_full()})
+
+
 @method(needs={"charts"})
 @dataclass(frozen=True)
 class NeedsCharts:
@@ -146,17 +162,16 @@ class Tabulated:
     """Multiplies by a number in a file; has nothing to say about one view; its work was done elsewhere."""
 
     table: Path
-    """A text file with a number."""
+    """A text file with a number, or a folder with such a file "gain"."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         if view.name == "v2.png":
             raise NotApplicableError(f"{view.name}: not in the table; add it")
+        file = self.table / "gain" if self.table.is_dir() else self.table
         info = {"seconds": 12.5, "peak_mb": float("nan"), "deviation": [1.0, float("nan")]}
         unknown = np.full(3, np.nan)
         return Restoration(
-            view.rgb * float(self.table.read_text()),
-            Water(np.full(3, 0.2), unknown, unknown),
-            info=info,
+            view.rgb * float(file.read_text()), Water(np.full(3, 0.2), unknown, unknown), info=info
         )
 
 
@@ -219,6 +234,19 @@ class Redness:
             float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1) * self.factor,
             n_pixels=shown[..., 0].size,
         )
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Stumbles:
+    """A metric that fails on one view."""
+
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
+        if view.name == "v2.png":
+            raise RuntimeError("no score")
+        yield Score(0.5)
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
@@ -329,6 +357,11 @@ def _catch_all() -> None:
             time.sleep(3600)
 
 
+def _in_a_removed_folder() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+
+
 def _later(act: Callable[[], object]) -> None:
     threading.Timer(0.3, act).start()
 
@@ -381,10 +414,12 @@ ACTS: dict[str, Callable[[], Any]] = {
     "outside": lambda: _raise(Outside("away")),
     "generator-exit": lambda: _raise(GeneratorExit()),
     "long": lambda: _raise(ValueError("x" * 1_000_000)),
+    "removed-folder": _in_a_removed_folder,
     "leaks": _leak,
     "libraries": _break_libraries,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
     "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
+    "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),
     "asleep-in-c": _sleep_in_c,

@@ -84,6 +84,9 @@ def test_a_name_that_a_shell_would_obey_is_refused_within_code(name: str):
     assert restored("cp {input} {output} --suffix={name}", scene).image.shape == scene[0].rgb.shape
 
 
+# -- from the command line -------------------------------------------------------------------------------
+
+
 # -- what the documentation shows ------------------------------------------------------------------------
 
 

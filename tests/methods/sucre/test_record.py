@@ -34,7 +34,7 @@ def left_of(observations: Observations) -> dict[str, Any]:
 
 def test_the_spread_is_that_of_the_noise_however_many_observations_a_pixel_has() -> None:
     for n_views in (2, 3, 12):
-        left = left_of(made(60_000 // n_views, n_views, noise=NOISE, n_single=2_000)[0])
+        left = left_of(made(60_000 // n_views, n_views, noise=NOISE)[0])
         assert left["std"] == pytest.approx([NOISE] * 3, rel=0.03)
         assert left["robust_std"] == pytest.approx([NOISE] * 3, rel=0.03)
 

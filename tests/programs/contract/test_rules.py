@@ -116,12 +116,18 @@ DECLARED = "{'depth', 'poses'}"
     ("has", "body", "rule", "named"),
     [
         (DECLARED, "rgb = rgb * 255", "planes_are_sound", "255"),
+        (DECLARED, "rgb = rgb * 2", "planes_are_sound", "[0, 1]"),
         (DECLARED, "rgb[0] = np.nan", "planes_are_sound", "finite"),
         (DECLARED, "depth[0] = -1", "planes_are_sound", "negative"),
+        (DECLARED, "depth[0] = np.nan", "planes_are_sound", "NaN"),
         (DECLARED, "depth = depth[1:]", "planes_are_sound", "(5, 8)"),
         (DECLARED, "pose[0, 0] = 2", "geometry_is_sound", "View.cam_from_world"),
+        (DECLARED, "pose = pose[:3]", "geometry_is_sound", "(4, 4)"),
         (DECLARED, "K[0, 0] = -8", "geometry_is_sound", "-8"),
+        (DECLARED, "K[0, 2] = .5 - 4", "geometry_is_sound", "(-3.5, 3)"),
+        (DECLARED, "K = K.T", "geometry_is_sound", "Camera.K"),
         (DECLARED, "name = '/a.png'", "names_once", "'/a.png'"),
+        (DECLARED, "data_id = ''", "is_repeatable", "data_id"),
         (
             DECLARED,
             "data_id = str(id(rgb)) + str(os.urandom(3))",

@@ -73,6 +73,7 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
             lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world),
             "OpenGL poses",
         ),
+        (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
         (
             lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)),
@@ -83,8 +84,13 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
             "inverse depth",
         ),
         (lambda v: with_planes(v, depth=v.depth[::-1].copy()), "turned depth maps"),
+        (lambda v: with_planes(v, depth=v.depth[:, ::-1].copy()), "turned depth maps"),
         (
             lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world) @ FLIP),
+            "inverted poses",
+        ),
+        (
+            lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world)),
             "inverted poses",
         ),
     ],

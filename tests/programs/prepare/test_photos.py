@@ -36,9 +36,11 @@ from sucre_bench.programs.prepare.surface import fused
     ("names", "message"),
     [
         ((), r"no photos; .*two"),
+        (("a.png",), r"one photo; .*two"),
         (("a.png", "text.jpg"), r"one photo .*\(text\.jpg .*image\); .*two"),
         (("cut.jpg", "text.png"), r"no photos .*\(cut\.jpg .*truncated.*; text\.png .*\); .*two"),
         (("a.png", "cut.png"), r"one photo .*\(cut\.png .*cut.*\); .*two"),
+        (("cut.png", "cut.jpg", "cut 2.jpg"), r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two"),
     ],
 )
 def test_too_few_photos_are_an_error_that_names_the_damaged(

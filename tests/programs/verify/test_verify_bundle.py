@@ -186,8 +186,8 @@ def with_fragile(place: Path, does: str, *words: str) -> Done:
 
 @pytest.mark.parametrize(
     ("does", "is_lost"),
-    [("os._exit(3)", True), ("yield Score(float('nan')); return", False)],
-    ids=["dies", "nan"],
+    [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan')); return", False)],
+    ids=["raises", "dies", "nan"],
 )
 def test_a_metric_that_cannot_be_tried_costs_no_bundle(
     fragile: Path, tmp_path: Path, does: str, is_lost: bool
@@ -375,7 +375,7 @@ def in_options(**change: Any) -> Callable[[pd.DataFrame], None]:
 
 ODD: dict[str, Callable[[pd.DataFrame], Any]] = {
     **{f"view {name!r}": lambda rows, name=name: rows.__setitem__("view", name)
-       for name in ("../../etc/passwd", "a\x07b", "x" * 400)},
+       for name in ("..", "/", "../../etc/passwd", "a\x07b", "x" * 400)},
     "no dataset": in_options(dataset=None),
     "unknown dataset": in_options(dataset={"name": "nobody"}),
     "replicate negative": in_options(replicate=-5),

@@ -269,8 +269,24 @@ def composed(words: list[str]) -> Any:
         [
             "dataset=toy",
             "method=gain",
+            "method.gain=1e-7",
+            "method.mode=fancy",
+            "method.label='it\\'s true'",
+        ],
+        [
+            "dataset=toy",
+            "method=gain",
             "method.log='/tmp/dive ünï/[x]{y}=z'",
             "method.display=stretch-2-98",
+        ],
+        ["dataset=toy", "dataset.tag='true'", "method=gain", "degrade.depth_noise=0.1"],
+        [
+            "dataset=toy",
+            "dataset.tag='3'",
+            "method=gain",
+            "degrade.within=2",
+            "degrade.noise=0.02",
+            "degrade.seed=4",
         ],
         [
             "dataset=demo",

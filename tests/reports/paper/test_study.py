@@ -69,6 +69,7 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
         ("degrade.bits=3,null,5", ["3", "5", "none"]),
         ("degrade.depth_noise=0.1,0,0.02", ["0", "0.02", "0.1"]),
         ("dataset.water=turbid,clear", ["turbid", "clear"]),
+        ("method.refine=true,false", ["True", "False"]),
     ],
 )
 def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):

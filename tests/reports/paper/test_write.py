@@ -109,12 +109,8 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     drawn("nothing", nothing)
     drawn("half", half)
     rows = frame([row(m, f"v{n}", 20.0 + n + (m == "b")) for m in "ab" for n in range(2)])
-    written = write(
-        Study("s", figures=("breaks", "nothing", "half", "scores"), svg=True), rows, tmp_path
-    )
-    names = {
-        f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf", "svg")
-    }
+    written = write(Study("s", figures=("breaks", "nothing", "half", "scores")), rows, tmp_path)
+    names = {f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")}
     assert {path.name for path in written.paths if path.parent.name == "figures"} == names
     assert "s-breaks: failed, ZeroDivisionError: by nought" in written.notes[0]
     assert "by nought" in (tmp_path / "logs/failures.log").read_text()

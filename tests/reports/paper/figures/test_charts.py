@@ -126,7 +126,7 @@ def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest
     np.testing.assert_allclose(said, truth, atol=0.5)
 
 
-@pytest.mark.parametrize("off", [40, -170])
+@pytest.mark.parametrize("off", [0, 40, -40, 170, -170])
 def test_hue_is_drawn_within_half_a_turn_of_the_expected_one(off: float) -> None:
     (figure,) = drawn("hue", results.frame(chart_rows(off))).values()
     assert [axes.get_title() for axes in figure.axes[:3]] == ["red", "yellow", "green"]
