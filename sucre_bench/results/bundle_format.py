@@ -22,6 +22,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, NotAFileError
@@ -55,12 +56,8 @@ class Limits:
 LIMITS = Limits()
 
 
-@dataclass(frozen=True)
-class FileHash:
-    """A file's SHA-256 as hexadecimal digits, and its size in bytes."""
-
-    sha256: str
-    size: int
+# A file's SHA-256 as hexadecimal digits, "sha256", and its size, "bytes".
+FileHash = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +121,28 @@ class Bundle:
 
     @cached_property
     def _table(self) -> DataFrame:
-        return _table(self.path / SCORES, self.read(SCORES))
+        """All rows: text as it stands, numbers as numbers."""
+        import pandas as pd
+        from pyarrow import Table
+
+        path = self.path / SCORES
+        content = io.BytesIO(self.read(SCORES))
+        with reading(path, "bundle again"):
+            read = pd.read_csv(content, dtype="str", keep_default_na=False, usecols=list(COLUMNS))
+            # Not by pandas: some of its versions lose the last digits of a number.
+            numbers = {name: [float(text or "nan") for text in read[name]] for name in NUMBERS}
+            rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
+        check_values(path, Table.from_pandas(rows, preserve_index=False))
+        return rows
 
 
 def hash_of(content: bytes | Path) -> FileHash:
     """Return the hash of some bytes, or of a file."""
     if isinstance(content, bytes):
-        return FileHash(hashlib.sha256(content).hexdigest(), len(content))
+        return {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
     with content.open("rb") as file:
-        return FileHash(hashlib.file_digest(file, "sha256").hexdigest(), content.stat().st_size)
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {"sha256": digest, "bytes": content.stat().st_size}
 
 
 # -- writing -----------------------------------------------------------------------------------------------
@@ -148,18 +158,14 @@ def write_bundle(
 ) -> str:
     """Write a bundle and return its id. files: by their name in the bundle. Raises OutputError if that fails."""
     files = {SCORES: csv_text(rows).encode(), **files}
-    hashes = {
-        "inside": {name: hash_of(content) for name, content in files.items()},
-        "outside": outside,
+    about = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "by": by,
+        "sucre_bench": version,
+        "inside": {name: hash_of(content) for name, content in sorted(files.items())},
+        "outside": dict(sorted(outside.items())),
     }
-    listed = {
-        where: {
-            name: {"sha256": one.sha256, "bytes": one.size}
-            for name, one in sorted(of_files.items())
-        }
-        for where, of_files in hashes.items()
-    }
-    about = {"format": _FORMAT, "version": _VERSION, "by": by, "sucre_bench": version, **listed}
     manifest = (json.dumps(about, indent=1, ensure_ascii=False) + "\n").encode()
     with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
         for name, content in sorted({MANIFEST: manifest, **files}.items()):
@@ -175,7 +181,7 @@ def write_bundle(
 
 
 def _id(manifest: bytes) -> str:
-    return hash_of(manifest).sha256[:16]
+    return hashlib.sha256(manifest).hexdigest()[:16]
 
 
 # -- opening -----------------------------------------------------------------------------------------------
@@ -245,34 +251,19 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     """The bundle with what its bundle.json says."""
     with reading(bundle.path / MANIFEST, "bundle again"):
         told = json.loads(manifest)
-        json.dumps(
-            told, ensure_ascii=False
-        ).encode()  # raises where "\\udce9" stands for what is no UTF-8
+        # raises where "\\udce9" stands for what is no UTF-8
+        json.dumps(told, ensure_ascii=False).encode()
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
-        hashes = [
-            {name: FileHash(str(one["sha256"]), one["bytes"]) for name, one in told[where].items()}
+        inside, outside = (
+            {
+                name: {"sha256": one["sha256"], "bytes": one["bytes"]}
+                for name, one in told[where].items()
+            }
             for where in ("inside", "outside")
-        ]
-        if any(type(one.size) is not int for listed in hashes for one in listed.values()):
-            raise ValueError("the size of a file is no whole number of bytes")
-        by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
-    return replace(
-        bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1]
-    )
-
-
-def _table(path: Path, content: bytes) -> DataFrame:
-    """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
-    import pandas as pd
-    from pyarrow import Table
-
-    with reading(path, "bundle again"):
-        read = pd.read_csv(
-            io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(COLUMNS)
         )
-        # Not by pandas: some of its versions lose the last digits of a number.
-        numbers = {name: [float(text or "nan") for text in read[name]] for name in NUMBERS}
-        rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
-    check_values(path, Table.from_pandas(rows, preserve_index=False))
-    return rows
+        if any(type(one["bytes"]) is not int for one in (*inside.values(), *outside.values())):
+            raise ValueError("the size of a file is no whole number of bytes")
+        by = str(told["by"])[:200]
+        version = str(told["sucre_bench"])[:40]
+    return replace(bundle, id=_id(manifest), by=by, version=version, inside=inside, outside=outside)
