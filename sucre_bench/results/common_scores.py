@@ -87,20 +87,16 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
     (_, first), *others = holed.items()
     for name, mask in others:
         if mask.shape != first.shape:
-            sizes = [f"{w}x{h}" for h, w in (mask.shape, first.shape)]
-            fault, remedy = (
-                f"is {sizes[0]}, others are {sizes[1]}",
-                "run that method again with overwrite=always",
-            )
-            raise InputError(fault, f"the mask of {name}", remedy)
+            own, other = (f"{w}x{h}" for h, w in (mask.shape, first.shape))
+            remedy = "run that method again with overwrite=always"
+            raise InputError(f"is {own}, others are {other}", f"the mask of {name}", remedy)
     common = np.logical_and.reduce([*holed.values()])
     some = 1.0 if len(holed) < len(masks) else float(np.logical_or.reduce([*holed.values()]).mean())
     share = float(common.mean())
-    kind: Kind = (
-        "equal" if some - share <= LEAST_DIFFERENCE else "common" if common.any() else "none"
-    )
-    hash_of_mask = ""
-    if kind == "common":
-        content = str(common.shape).encode() + np.packbits(common).tobytes()
-        hash_of_mask = hashlib.blake2b(content, digest_size=8).hexdigest()
-    return CommonPixels(common, share, kind, hash_of_mask)
+    if some - share <= LEAST_DIFFERENCE:
+        return CommonPixels(common, share, "equal", "")
+    if not common.any():
+        return CommonPixels(common, share, "none", "")
+    content = str(common.shape).encode() + np.packbits(common).tobytes()
+    hash_of_mask = hashlib.blake2b(content, digest_size=8).hexdigest()
+    return CommonPixels(common, share, "common", hash_of_mask)

@@ -79,7 +79,6 @@ def places(
     dataset: str, scenes: Sequence[Scene], replicate: int = 0
 ) -> dict[tuple[str, str], Place]:
     """Return each view's place, by the names of scene and view."""
-    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
     several = slice(_FORMS, None) if len(scenes) > 1 else slice(_FORMS)
     named = ((scene.name, view.name) for scene in scenes for view in scene.views)
     stems = {names: stems_of(*names)[several] for names in named}
@@ -89,30 +88,30 @@ def places(
     found = {}
     for names, (unique, *forms) in stems.items():
         stem = next((stem for stem in reversed(forms) if claims[folded(stem)] == 1), unique)
-        found[names] = Place(file_name(dataset), first / stem)
+        found[names] = Place(file_name(dataset), _first(replicate) / stem)
     return found
+
+
+def _first(replicate: int) -> PurePosixPath:
+    """The folder of a replicate."""
+    return PurePosixPath(f"replicate={replicate}" if replicate else "")
 
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return the place of a view, or of its restorations, from a row's names; None if no file exists."""
-    candidates, folder = (
-        possible_places(dataset, scene, view),
-        out / "restored" / file_name(dataset),
-    )
+    candidates = possible_places(dataset, scene, view)
+    folder = out / "restored" / file_name(dataset)
+    methods = [*folder.iterdir()] if folder.is_dir() else []
     originals = ((place, place.original(out)) for place in candidates)
-    restored = (
-        (place, method / f"{place.stem}.png")
-        for place in candidates
-        for method in (folder.iterdir() if folder.is_dir() else ())
-    )
+    restored = ((place, each / f"{place.stem}.png") for place in candidates for each in methods)
     return next((place for place, file in chain(originals, restored) if file.is_file()), None)
 
 
 def possible_places(dataset: str, scene: str, view: str) -> list[Place]:
     """Return where a view's files may lie, from a row's names: see `stems_of`."""
     scene, replicate = unreplicated(scene)
-    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
-    return [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
+    stems = stems_of(scene, view)
+    return [Place(file_name(dataset), _first(replicate) / stem) for stem in stems]
 
 
 _FORMS = 3  # of a view's name

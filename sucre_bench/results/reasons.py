@@ -45,9 +45,8 @@ def needs_of(text: str) -> tuple[str, ...]:
     if Reason.of(text) is not Reason.LACK:
         return ()
     needs = text.removeprefix(Reason.LACK.value).partition(": ")[0]
-    return tuple(
-        needs.partition(", the ")[0].split(" and ")
-    )  # the comma: in rows of earlier versions
+    needs = needs.partition(", the ")[0]  # in rows of earlier versions
+    return tuple(needs.split(" and "))
 
 
 def brief(text: str) -> str:
@@ -107,10 +106,8 @@ def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[U
     skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != RESTORATION)]
     if not with_nothing_to_score:
         skipped = skipped[~Reason.among(skipped["reason"], Reason.NOTHING_TO_SCORE)]
-    n_views, n_methods = (
-        len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()),
-        rows["method"].nunique(),
-    )
+    n_views = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates())
+    n_methods = rows["method"].nunique()
     briefs = {text: brief(text) for text in skipped["reason"].unique()}
     for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
         metrics = (

@@ -13,7 +13,7 @@ import struct
 import time
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -85,7 +85,7 @@ def write_pictures(
     write_masked_png(path, to_levels(picture[..., ::-1], bits), mask)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
-    water = {} if restoration.water is None else _water_record(restoration.water)
+    water = _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
     more |= {_SHOWN_OVER: shown_over} if shown_over else {}
     # the water first
@@ -101,8 +101,10 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 
-def _water_record(water: Water) -> dict[str, Any]:
-    """A water by the names that `sucre_bench.results.water_file` reads."""
+def _water_record(water: Water | None) -> dict[str, Any]:
+    """A water by the names that `sucre_bench.results.water_file` reads; empty without one."""
+    if water is None:
+        return {}
     parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
     return parameters | {"encoding": water.encoding}
 
@@ -173,10 +175,10 @@ def write_arrays(path: Path, restoration: Restoration, **more: Any) -> None:
         "filled": restoration.filled,
         **more,
     }
-    water = {} if restoration.water is None else _water_record(restoration.water)
+    named |= _water_record(restoration.water)
     buffer = io.BytesIO()
     np.savez_compressed(
-        buffer, **{name: array for name, array in (named | water).items() if array is not None}
+        buffer, **{name: array for name, array in named.items() if array is not None}
     )
     write_atomically(path, buffer.getvalue())
 
@@ -306,13 +308,11 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
     Raises InputError if the mask is gone or damaged.
     """
     path = place.restored(out, base.method)
-    if (mask := read_mask(path)) is None:
-        full = read_full(path.with_suffix(".npz"), base)
-        mask = (
-            full.restoration.valid
-            if full
-            else np.asarray(stored_picture(out, place, base.method).any(-1))
-        )
+    mask = read_mask(path)
+    if mask is None and (full := read_full(path.with_suffix(".npz"), base)):
+        mask = full.restoration.valid
+    elif mask is None:
+        mask = np.asarray(stored_picture(out, place, base.method).any(-1))
     if int(mask.sum()) != base.n_pixels:
         remedy = f"run {base.method} again with overwrite=always"
         raise DamagedFileError("has not the mask of its restoration", path, remedy)
@@ -325,9 +325,7 @@ def stored_restoration(out: Path, place: Place, base: Row, mask: Mask) -> Restor
     if kept is None:
         return PictureOnly(mask)
     restored = kept.restoration
-    return Restoration(
-        masked(restored.image, mask), restored.water, restored.confidence, restored.info
-    )
+    return replace(restored, image=masked(restored.image, mask), filled=None)
 
 
 def masked(image: Array, mask: Mask) -> Array:

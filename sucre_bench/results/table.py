@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
 TABLE = "scores.parquet"
 PARTS = "parts"
+_SCORE = [*KEYS, "metric", "variant"]
 FLUSH_S = 1.0
 _JOINED = 8  # files at a time
 _ATTEMPTS = 5  # at reading or writing parts while another process merges them
@@ -187,17 +188,16 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
         "n_pixels": compute.greater_equal(rows["n_pixels"], 0),
     }
     for name, are_right in right.items():
-        if not compute.all(are_right.fill_null(False), min_count=0).as_py():
-            wrong = rows[name].filter(compute.invert(are_right.fill_null(False)))[0].as_py()
-            raise _damaged(path, f"column '{name}' holds {str(wrong)[:80]!r}")
+        wrong = rows[name].filter(compute.invert(are_right.fill_null(False)))
+        if len(wrong):
+            raise _damaged(path, f"column '{name}' holds {str(wrong[0].as_py())[:80]!r}")
 
 
 def _is_object(text: str | None) -> bool:
     try:
         told = json.loads(text or "")
-        json.dumps(
-            told, ensure_ascii=False
-        ).encode()  # raises where "\\udce9" stands for what is no UTF-8
+        # raises where "\\udce9" stands for what is no UTF-8
+        json.dumps(told, ensure_ascii=False).encode()
         return isinstance(told, dict)
     except (ValueError, RecursionError):
         return False
@@ -213,8 +213,8 @@ def _newest(rows: DataFrame) -> tuple[DataFrame, DataFrame]:
     """Return the newest of each score on own pixels, and of each score on common pixels."""
     is_common = is_of_common_pixels(rows)
     common = rows[is_common].sort_values("time", kind="stable")
-    newest = common.drop_duplicates([*KEYS, "metric", "variant"], keep="last", ignore_index=True)
-    return _newest_own(rows[~is_common]), newest
+    common = common.drop_duplicates(_SCORE, keep="last", ignore_index=True)
+    return _newest_own(rows[~is_common]), common
 
 
 def _newest_own(rows: DataFrame) -> DataFrame:
@@ -240,9 +240,8 @@ def _newest_own(rows: DataFrame) -> DataFrame:
     # A row of a whole job that failed stands until the job has done anything since.
     of_job = when.groupby([rows["dataset"], rows["method"]], sort=False).transform("max")
     rows = rows[is_newest_try & (when >= since) & ((rows["view"] != "") | (when == of_job))]
-    score = [*KEYS, "metric", "variant"]
-    rows = rows[rows["time"] == rows.groupby(score, sort=False)["time"].transform("last")]
-    rows = rows.drop_duplicates([*score, "region"]).sort_index()
+    rows = rows[rows["time"] == rows.groupby(_SCORE, sort=False)["time"].transform("last")]
+    rows = rows.drop_duplicates([*_SCORE, "region"]).sort_index()
     return rows.sort_values(
         ["dataset", "method", "scene", "view"], kind="stable", ignore_index=True
     )
@@ -275,15 +274,13 @@ class Part:
 
     def __init__(self, out: Path, job: str, flush_s: float = FLUSH_S) -> None:
         # no other run's, whatever its process id
-        self._folder, self._name = (
-            out / PARTS,
-            f"{job}-{uuid.uuid4().hex}",
-        )
-        self._flush_s, self._written, self._n_files = flush_s, time.monotonic(), 0
+        self._stem = out / PARTS / f"{job}-{uuid.uuid4().hex}"
+        self._flush_s = flush_s
+        self._written = time.monotonic()
+        self._n_files = 0
         self._pending: list[Row] = []
-        self._files: list[
-            tuple[int, Path, pyarrow.Table]
-        ] = []  # how often they were joined, and their rows
+        # how often they were joined, and their rows
+        self._files: list[tuple[int, Path, pyarrow.Table]] = []
 
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
@@ -298,14 +295,15 @@ class Part:
         self._written = time.monotonic()
         if not self._pending:
             return
-        level, kept, tables = 0, self._files, [as_arrow(self._pending)]
+        level = 0
+        kept = self._files
+        tables = [as_arrow(self._pending)]
         while [file[0] for file in kept[1 - _JOINED :]] == [level] * (_JOINED - 1):
             tables = [*(file[2] for file in kept[1 - _JOINED :]), *tables]
-            kept, level = kept[: 1 - _JOINED], level + 1
-        path, rows = (
-            self._folder / f"{self._name}-{self._n_files}.parquet",
-            pyarrow.concat_tables(tables),
-        )
+            kept = kept[: 1 - _JOINED]
+            level += 1
+        path = self._stem.with_name(f"{self._stem.name}-{self._n_files}.parquet")
+        rows = pyarrow.concat_tables(tables)
         for attempt in range(_ATTEMPTS):
             try:
                 _write(path, rows)
@@ -315,7 +313,8 @@ class Part:
                     raise
         for _, joined, _ in self._files[len(kept) :]:
             joined.unlink(missing_ok=True)  # a merge may have its rows
-        self._files, self._pending = [*kept, (level, path, rows)], []
+        self._files = [*kept, (level, path, rows)]
+        self._pending = []
         self._n_files += 1
 
 
