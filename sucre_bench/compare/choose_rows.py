@@ -7,6 +7,7 @@ ones.
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -15,8 +16,9 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
+from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, LinesError, did_you_mean
 from sucre_bench.machine import progress
 from sucre_bench.plugins.plugin import Fault, Plugin
@@ -37,6 +39,7 @@ from sucre_bench.results.rows import (
     code_parts,
     restorations,
     tuples,
+    unreplicated,
     values_of,
 )
 from sucre_bench.results.table import is_bundle, is_fresh, read_both
@@ -69,17 +72,14 @@ def load(folders: Iterable[str | Path]) -> tuple[DataFrame, DataFrame]:
     common = pd.concat([one for one in on_common if len(one)] or on_common, ignore_index=True)
     if len(tables) > 1:
         coded = rows.assign(_code=code_parts(rows["code"])["method"])
-        of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
-        for group, column, fault in (
-            (of_scene, "data_id", "the data differ between these runs"),
-            (of_method, "options_id", "these folders mean different options by it"),
-            (of_method, "_code", "these folders hold it from different versions of its code"),
+        of_scenes = rows[rows["scene"] != ""].groupby(["dataset", "scene"])
+        of_methods = coded.groupby(["dataset", "method"])
+        for groups, column, fault in (
+            (of_scenes, "data_id", "the data differ between these runs"),
+            (of_methods, "options_id", "these folders mean different options by it"),
+            (of_methods, "_code", "these folders hold it from different versions of its code"),
         ):
-            several = (
-                (coded if group is of_method else rows[rows["scene"] != ""])
-                .groupby(group)[column]
-                .nunique()
-            )
+            several = groups[column].nunique()
             if (several > 1).any():
                 names = " / ".join(several[several > 1].index[0])
                 raise InputError(f"{names}: {fault}; run it again, or give it another label")
@@ -99,25 +99,20 @@ def _say_differing(rows: DataFrame) -> None:
     if not len(differing):
         return
     disagreeing = twice[twice.set_index(_NAMED).index.isin(differing)]
-    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")[
-        "_folder"
-    ]
-    methods = [
-        " / ".join(pair)
-        for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
-    ]
-    more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
+    newest = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")
+    methods = (disagreeing["dataset"] + " / " + disagreeing["method"]).unique()
     progress.say(
-        f"{names_of(list(dict.fromkeys(disagreeing['_folder'])))} share {len(of_score)} scores, and have different "
-        f"values of {len(differing)} of them ({', '.join(methods[:3])}{more}); "
-        f"the table shows the newest, from {names_of(list(dict.fromkeys(shown)))}. "
+        f"{names_of(disagreeing['_folder'].unique())} share {len(of_score)} scores, and have different "
+        f"values of {len(differing)} of them ({listed(methods)}); "
+        f"the table shows the newest, from {names_of(newest['_folder'].unique())}. "
         "Run one with another label to see both"
     )
 
 
-def names_of(names: Sequence[str]) -> str:
+def names_of(names: Iterable[str]) -> str:
     """Return names as words: "a, b and c"."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 T = TypeVar("T")
@@ -142,7 +137,7 @@ def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -
             *_images(of_dataset, common),
             *_variants(scored),
             *_versions(scored[scored["status"] == "ok"]),
-            *(f"{method}: {why}" for method, why in mixed_codes(of_dataset)),
+            *mixed_codes(of_dataset),
             *_normalisations(of_dataset),
         )
         lines += [f"{dataset}: {reason}" for reason in reasons]
@@ -165,11 +160,10 @@ def _test_sets(rows: DataFrame) -> Iterator[str]:
 
 def without_replicates(rows: DataFrame) -> DataFrame:
     """Give the scenes of repetitions the name of what they repeat; a column `_replicate` has their numbers."""
-    names = {name: results.unreplicated(name) for name in rows["scene"].unique()}
-    numbers = rows["scene"].map({name: number for name, (_, number) in names.items()})
+    names = {name: unreplicated(name) for name in rows["scene"].unique()}
     return rows.assign(
         scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}),
-        _replicate=numbers,
+        _replicate=rows["scene"].map({name: number for name, (_, number) in names.items()}),
     )
 
 
@@ -180,9 +174,8 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     if (per_view.groupby(["scene", "view"]).size() == per_view["method"].nunique()).all():
         return
     per_view = without_replicates(per_view)
-    of_image = ["scene", "view"]
     # (scene, view, replicate) x methods
-    ran = per_view.groupby([*of_image, "_replicate", "method"]).size().unstack(fill_value=0) > 0
+    ran = per_view.groupby(["scene", "view", "_replicate", "method"]).size().unstack().notna()
     ran = ran[per_view["method"].unique()]
     shared = ran[ran.all(axis=1)].droplevel("_replicate").index.unique()
     if len(shared) and common:
@@ -190,7 +183,7 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     share = ", for they share none"
     if len(shared):
         share = f", or --common compares them on the {len(shared)} images they share"
-    plain = ran.groupby(level=of_image).any()
+    plain = ran.groupby(level=["scene", "view"]).any()
     if not plain.all(axis=None):
         counts = _alike({str(name): tuple(plain.index[has]) for name, has in plain.items()})
         words = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in counts.items())
@@ -232,9 +225,8 @@ def _versions(rows: DataFrame) -> Iterator[str]:
         if (made_by == last).all():
             continue
         older = made_by[made_by != last].iloc[0]
-        old, new = (
-            names_of(list(of_variant["method"][made_by == code].unique())) for code in (older, last)
-        )
+        old = names_of(of_variant["method"][made_by == older].unique())
+        new = names_of(of_variant["method"][made_by == last].unique())
         sources = {RowCode("", code).metric_source for code in (older, last)}
         differing = "versions" if len(sources) > 1 else "options"
         yield (
@@ -243,21 +235,20 @@ def _versions(rows: DataFrame) -> Iterator[str]:
         )
 
 
-def mixed_codes(rows: DataFrame) -> Iterator[tuple[str, str]]:
-    """Yield each method of a dataset's rows that several versions of its code restored, and of which views the newest
-    version would make others. rows: of the newest data.
+def mixed_codes(rows: DataFrame) -> Iterator[str]:
+    """Methods of a dataset that several versions of their code restored: of which views the newest would make others.
+
+    rows: of the newest data.
     """
     restored = restorations(rows).sort_values("time", kind="stable")
     restored = restored.assign(_made_by=code_parts(restored["code"])["method"])
     for method, of_method in restored.groupby("method", sort=False):
         last = of_method.iloc[-1]
-        older = list(of_method["view"][of_method["_made_by"] != last["_made_by"]].unique())
-        if older:
-            more = f" and {len(older) - 3} more" if len(older) > 3 else ""
+        older = of_method["view"][of_method["_made_by"] != last["_made_by"]].unique()
+        if len(older):
             yield (
-                str(method),
-                f"{', '.join(older[:3])}{more} restored by another version of its code than "
-                f"{last['view']}; give their run command again, what is out of date is done anew",
+                f"{method}: {listed(older)} restored by another version of its code than "
+                f"{last['view']}; give their run command again, what is out of date is done anew"
             )
 
 
@@ -286,9 +277,9 @@ def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
 
 def _alike(values: Mapping[Any, T]) -> dict[T, list[str]]:
     """Return the methods with equal values, by value."""
-    alike: dict[T, list[str]] = {}
+    alike = defaultdict[T, list[str]](list)
     for name, value in values.items():
-        alike.setdefault(value, []).append(str(name))
+        alike[value].append(str(name))
     return alike
 
 
@@ -297,16 +288,14 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
     if not metrics:
         return ~rows["metric"].isin(metrics_of_faults(rows))
     full = rows["metric"] + ":" + rows["variant"]
-    known = set(rows["metric"].unique())
+    variants = rows.groupby("metric")["variant"].unique().to_dict()
     for text in metrics:
         name, _, variant = text.partition(":")
-        if name not in known:
-            raise InputError(f"no scores of '{name}'; {did_you_mean(name, known)}")
-        variants = set(rows.loc[rows["metric"] == name, "variant"].unique())
-        if variant and variant not in variants:
-            raise InputError(
-                f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}"
-            )
+        if name not in variants:
+            raise InputError(f"no scores of '{name}'; {did_you_mean(name, variants)}")
+        if variant and variant not in variants[name]:
+            known = did_you_mean(variant, variants[name])
+            raise InputError(f"no scores of {name} in variant '{variant}'; {known}")
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 

@@ -1,6 +1,6 @@
 """The notes of a comparison: what methods were trained on, lacking scores, pixels, faults of pictures."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from sucre_bench.compare.choose_rows import (
 from sucre_bench.compare.model import FILLED, METRICS, Column, Note, says_filled
 from sucre_bench.compare.words import listed, number
 from sucre_bench.machine.text_formats import counted
-from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
+from sucre_bench.results.common_scores import LEAST_DIFFERENCE, filled_restorations
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
 
@@ -30,7 +30,7 @@ class About:
     """
 
     notes: tuple[Note, ...]
-    photographs: frozenset[str]
+    photographs: Collection[str]
     is_track: bool
 
 
@@ -39,26 +39,21 @@ def about(rows: DataFrame) -> About:
     options = options_of(rows)
     methods = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
     datasets = {told.get("dataset", {}).get("name", "") for told in options.values()}
-    trained = {name: told.get("trained_on") for name, told in options.items()}
     notes = [
-        Note(f"{name} was trained on: {text}", "trained on")
-        for name, text in trained.items()
-        if text
+        Note(f"{name} was trained on: {told['trained_on']}", "trained on")
+        for name, told in options.items()
+        if told.get("trained_on")
     ]
-    by_us: dict[str, list[str]] = {}
+    by_us = defaultdict[str, list[str]](list)
     for name, plugin in methods.items():
         if plugin and plugin.cites.startswith("by this project"):  # no published method
-            by_us.setdefault(plugin.cites, []).append(name)
+            by_us[plugin.cites].append(name)
     notes += [Note(f"{listed(by_us[text])}: {text}", "by us") for text in sorted(by_us)]
-    notes += [Note(f"{name}: {why}") for name, why in mixed_codes(rows[rows["_fresh"]])]
-    return About(
-        tuple(notes),
-        frozenset(name for name, plugin in methods.items() if plugin and plugin.is_photograph),
-        any(
-            plugin is None or "poses" in plugin.has
-            for plugin in (plugins.get("dataset", name) for name in datasets)
-        ),
-    )
+    notes += map(Note, mixed_codes(rows[rows["_fresh"]]))
+    photographs = {name for name, plugin in methods.items() if plugin and plugin.is_photograph}
+    known = [plugins.get("dataset", name) for name in datasets]
+    is_track = any(plugin is None or "poses" in plugin.has for plugin in known)
+    return About(tuple(notes), photographs, is_track)
 
 
 _VIEW = ["scene", "view"]
@@ -145,10 +140,10 @@ class _Why:
 
 def _counted(reasons: Iterable[str]) -> str:
     """Reasons with how often they hold: those of one kind together, by the commonest of them."""
-    kinds: dict[str, Counter[str]] = {}
+    kinds = defaultdict[str, Counter[str]](Counter)
     for reason in sorted(reasons):
         kind, _, why = reason.partition(": ")
-        kinds.setdefault(kind, Counter())[why] += 1
+        kinds[kind][why] += 1
     parts = []
     for kind, whys in kinds.items():
         why = whys.most_common(1)[0][0] + (" and others" if len(whys) > 1 else "")
@@ -167,7 +162,7 @@ def _scores_lost(
     name: str, lost: set[_View], scores: _Tables, repetitions: _Tables, why: _Why
 ) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
-    alike: dict[str, list[Column]] = {}
+    alike = defaultdict[str, list[Column]](list)
     for column, values in scores.items():
         if column.metric in COSTS or name not in values or column.n_units == len(values):
             continue
@@ -190,7 +185,7 @@ def _scores_lost(
             "no repetition that all have" if v in partly else why(name, v, column)
             for v in concerned
         )
-        alike.setdefault(_lost(name, METRICS, unit, *counts, reasons), []).append(column)
+        alike[_lost(name, METRICS, unit, *counts, reasons)].append(column)
     for text, columns in alike.items():
         yield Note(text, columns=tuple(columns))
 
@@ -203,13 +198,14 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
     whole = restoration_rows(rows[rows["view"] != ""])
     ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
     unrestored = _partly_lost(ok.unstack("method", fill_value=False))
-    alike: dict[str, list[Column]] = {text: [] for text in _replicates(unrestored, "")}
+    yield from map(Note, _replicates(unrestored, ""))
+    alike = defaultdict[str, list[Column]](list)
     for column, values in repetitions.items():
         if column.metric not in COSTS:
             lost = _partly_lost(values.notna())
             known = unrestored.reindex(index=lost.index, columns=lost.columns, fill_value=False)
             for text in _replicates(lost & ~known, f", of {METRICS}"):
-                alike.setdefault(text, []).append(column)
+                alike[text].append(column)
     for text, columns in alike.items():
         yield Note(text, columns=tuple(columns))
 
@@ -243,14 +239,14 @@ def filled_rows(rows: DataFrame) -> DataFrame:
         return whole.iloc[:0]
     if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
         return whole.iloc[:0]
-    about = {
-        "metric": FILLED,
-        "variant": "image",
-        "unit": "share",
-        "better": "none",
-        "region": "image",
-    }
-    return whole.assign(**about, value=whole["coverage"])
+    return whole.assign(
+        metric=FILLED,
+        variant="image",
+        unit="share",
+        better="none",
+        region="image",
+        value=whole["coverage"],
+    )
 
 
 def pixel_notes(rows: DataFrame, columns: Sequence[Column]) -> Iterator[Note]:
@@ -258,7 +254,6 @@ def pixel_notes(rows: DataFrame, columns: Sequence[Column]) -> Iterator[Note]:
 
     rows: of one table, with `_asked` and the columns of `on_pixels`; columns: of the table.
     """
-    whole = restorations(rows)
     scores = rows[rows["_asked"] & scores_of_pixels(rows)]
     total = len(scores[_VIEW].drop_duplicates())
 
@@ -282,7 +277,7 @@ def pixel_notes(rows: DataFrame, columns: Sequence[Column]) -> Iterator[Note]:
         text = f"no score{where}, because they have no pixel that all methods fill"
         yield Note(text, columns=named)
     # Scores on own pixels: with a reason, or of views of which methods fill shares that differ by much.
-    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(_VIEW)["coverage"]
+    filled = filled_restorations(rows).groupby(_VIEW)["coverage"]
     difference = filled.max() - filled.min()
     differing = difference.index[difference > LEAST_DIFFERENCE]
     is_differing = scores.set_index(_VIEW).index.isin(differing)
