@@ -13,6 +13,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import statistics
 from sucre_bench.compare.choose_rows import (
     OWN_PIXELS,
+    Pixels,
     asked_for,
     leaves_holes,
     metrics_in,
@@ -39,13 +40,11 @@ from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_
 from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
-_UNUSED = frozenset(
-    {"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"}
-)
+_UNUSED = ["options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"]
 _UNIT, _COLUMN = ["scene", "view", "region"], ["metric", "variant"]
 
-# Metric, variant, unit and better of a column, whether its scores are on common pixels, and these.
-_Measured = tuple[str, str, str, str, bool, DataFrame]
+# A column, and its values before and after repetitions are averaged.
+_Measured = tuple[Column, DataFrame, DataFrame]
 
 
 def compare(
@@ -63,7 +62,7 @@ def compare(
     """
     rows = rows.assign(_asked=asked_for(rows, metrics), _fresh=is_fresh(rows))
     known = {dataset: about(each) for dataset, each in rows.groupby("dataset")}
-    rows = rows[[name for name in rows.columns if name not in _UNUSED]]
+    rows = rows.drop(columns=_UNUSED, errors="ignore")
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
@@ -76,17 +75,16 @@ def compare(
     rows = without_replicates(rows)
     if "pixels" not in rows:
         rows = rows.assign(**OWN_PIXELS)
-    is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(
-        metrics_of_faults(rows)
-    )
-    rows = rows[~is_part]  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
         rows = rows[rows["view"] != ""]
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
-    is_named_fault = rows["region"].str.contains("/", regex=False)
-    measured = _by_table(rows[~is_named_fault], groups)
+    faulty = rows[rows["metric"].isin(metrics_of_faults(rows))].groupby(groups, sort=False)
+    faults = {key: [*fault_notes(each)] for key, each in faulty}
+    # names of faults; and patches, which are inside their charts' scores
+    rows = rows[~rows["region"].str.contains("/", regex=False)]
+    measured = _by_table(rows, groups)
     tables = []
     for key, of_table in rows.groupby(groups, sort=False):
         if by == "region":
@@ -102,10 +100,8 @@ def compare(
             table = _table(
                 title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale
             )
-            only_older = tuple(
-                dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
-            )
-            noted = []
+            only_older = dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
+            noted = faults.get(key, [])
             if only_older:
                 noted.append(
                     Note(f"left out, because they ran on other data: {listed(only_older)}")
@@ -149,22 +145,8 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
         if column.is_share_filled:
             places[column] = -1
         elif found or not metrics:
-            places[column] = found[0] if found else 0
-    left = (
-        (note, tuple(column for column in note.columns if column in places))
-        for note in comparison.notes
-    )
-    return replace(
-        comparison,
-        columns=tuple(sorted(places, key=places.__getitem__)),
-        cells={key: cell for key, cell in comparison.cells.items() if key[1] in places},
-        measured={
-            column: measured for column, measured in comparison.measured.items() if column in places
-        },
-        notes=tuple(
-            replace(note, columns=columns) for note, columns in left if columns or not note.columns
-        ),
-    )
+            places[column] = min(found, default=0)
+    return comparison.with_columns(sorted(places, key=places.__getitem__))
 
 
 def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
@@ -186,27 +168,24 @@ def _table(
     found: list[_Measured],
     stale: Collection[Restored],
 ) -> Comparison:
-    faults = [*fault_notes(rows)]
-    rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
     skipped = rows[rows["status"] == "skipped"]
     lacking = skipped[Reason.among(skipped["reason"], Reason.LACK)]
     needs = {need for plugin in metrics_in(lacking).values() for need in plugin.needs}
     has_holes = leaves_holes(rows)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
-    made, repetitions, measured = (
-        dict[Column, DataFrame](),
-        dict[Column, DataFrame](),
-        dict[Column, ColumnScores](),
-    )
-    for column, repeated, values in map(_column, found):
+    made: dict[Column, DataFrame] = {}
+    repetitions: dict[Column, DataFrame] = {}
+    measured: dict[Column, ColumnScores] = {}
+    for column, repeated, values in found:
         if column.n_units:
             scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
             units = scores.independent
-            worth = units.worth if units and (units.alike > 0 or units.is_short_track) else math.inf
-            column = replace(column, worth=worth)
+            if units and (units.alike > 0 or units.is_short_track):
+                column = replace(column, worth=units.worth)
             measured[column] = scores
-        made[column], repetitions[column] = values, repeated
+        made[column] = values
+        repetitions[column] = repeated
     # The share that methods fill comes first; what describes, costs and taste come last; else as they were run.
     columns = sorted(
         made,
@@ -217,7 +196,7 @@ def _table(
             column.metric in COSTS,
         ),
     )
-    noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
+    noted = [*pixel_notes(rows, columns)] if has_holes else []
     noted += notes(rows, made, repetitions, methods, stale)
     if baseline and baseline not in methods:
         noted.append(Note(f"{baseline} was not run here: there is nothing to compare with"))
@@ -255,9 +234,7 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
     if ok.empty:
         return {}
     of_column = [*groups, *_COLUMN]
-    is_common = (
-        ok.assign(_common=ok["pixels"] == "common").groupby(of_column, sort=False)["_common"].any()
-    )
+    on_common = {*values_of(ok[ok["pixels"] == "common"], *of_column)}
     keys = [*dict.fromkeys([*of_column, *REPETITION])]
     # sums do not depend on rows' order
     in_order = ok[[*keys, "method", "value"]].sort_values("value", kind="stable")
@@ -267,23 +244,23 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
         REPETITION
     )
     tables: dict[tuple[Hashable, ...], list[_Measured]] = {}
-    firsts = ok.drop_duplicates(of_column)
-    for (*key, metric, variant), unit, better in zip(
-        values_of(firsts, *of_column), firsts["unit"], firsts["better"], strict=True
-    ):
-        of_one = scores.iloc[places[*key, metric, variant]]
-        common = bool(is_common[*key, metric, variant])
-        tables.setdefault(tuple(key), []).append((metric, variant, unit, better, common, of_one))
+    firsts = values_of(ok.drop_duplicates(of_column), *of_column, "unit", "better")
+    for *key, metric, variant, unit, better in firsts:
+        names = (*key, metric, variant)
+        pixels: Pixels = "common" if names in on_common else "own"
+        column = _column(metric, variant, unit, better, pixels, scores.iloc[places[names]])
+        tables.setdefault(tuple(key), []).append(column)
     return tables
 
 
-def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
-    """Return a column, with its values before and after repetitions are averaged.
+def _column(
+    metric: str, variant: str, unit: str, better: str, pixels: Pixels, repeated: DataFrame
+) -> _Measured:
+    """Return a column of these scores.
 
     Values are units x methods, both sorted, NaN = a hole. Of a unit without any repetition that all methods have,
     methods that lack one have a hole.
     """
-    metric, variant, unit, better, is_common, repeated = found
     if (lacking := repeated.isna().to_numpy()).any():
         repeated = repeated.loc[:, ~lacking.all(axis=0)]
     values = repeated.droplevel("_replicate")
@@ -294,27 +271,30 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         values = shared.reindex(means.index).fillna(means)
     units = values.index.tolist()
     is_whole = ~np.isnan(values.to_numpy()).any(axis=1)
-    left, plugin = list(itertools.compress(units, is_whole)), plugins.get("metric", metric)
-    of_unknown = (
-        0 if metric in (*COSTS, FILLED) else -math.inf,
-        1 if metric == FILLED else math.inf,
-    )
+    left = list(itertools.compress(units, is_whole))
+    plugin = plugins.get("metric", metric)
     if plugin:
+        bounds = plugin.range
         knows = plugin.knows(variant)
+        better = "none" if variant in plugin.unranked else better
     else:
+        bounds = (
+            0 if metric in (*COSTS, FILLED) else -math.inf,
+            1 if metric == FILLED else math.inf,
+        )
         knows = "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste"
     column = Column(
         metric=metric,
         variant=variant,
         unit=unit,
-        better="none" if plugin and variant in plugin.unranked else better,
-        range=plugin.range if plugin else of_unknown,
+        better=better,
+        range=bounds,
         of="image" if all(region == "image" for *_, region in units) else "chart",
         n_units=len(left),
         n_views=len({(scene, view) for scene, view, _ in left}),
         n_scenes=len({scene for scene, *_ in left}),
         missing=len(units) - len(left),
-        pixels="common" if is_common else "own",
+        pixels=pixels,
         knows=knows,
     )
     return column, repeated, values

@@ -26,6 +26,7 @@ from sucre_bench.compare.words import (
     notes_once,
     over_views,
     shown,
+    shown_column,
     signs,
     title,
 )
@@ -52,10 +53,7 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
     made = []
     for one in notes_once(comparisons):
         columns = [
-            ShownColumn(
-                f"{title(column)} ({column.variant})",
-                [shown(one, name, column, spread) for name in one.methods],
-            )
+            shown_column(one, column, f"{title(column)} ({column.variant})", spread=spread)
             for column in one.columns
         ]
         head = one.title if len(comparisons) > 1 else ""
@@ -81,10 +79,8 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
                 for level in levels
             ]
             cells = [cell for one in columns for cell in one.cells]
-            marks = signs(first, cells, colours=False)
-            has_interval = any(cell.interval for cell in cells)
-            of = "mean [95 % interval]" if has_interval else "mean"
-            below = "; ".join([of, *over_views([column]), *marks])
+            of = "mean [95 % interval]" if any(cell.interval for cell in cells) else "mean"
+            below = "; ".join([of, *over_views([column]), *signs(first, cells)])
             head = f"{title_of}: {title(column)} ({column.variant})"
             made.append(_WRITERS[how](head, lines, columns, [below]))
         notes = left_out(first)
@@ -116,13 +112,17 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
             cell = comparison.cells.get((name, column))
             if cell is None:
                 continue
-            record: dict[str, Any] = {"table": comparison.title, "method": name}
-            record |= fields_of(column, "metric", "variant", "unit", "better")
-            record |= fields_of(cell, "mean", "std", "low", "high", "place", "rank")
-            record |= {"tie_with_best": cell.tie, **ends_of("behind", cell.behind)}
-            record |= fields_of(cell, "wins", "effect", "holes")
-            record |= fields_of(column, "n_units", "n_views", "n_scenes", "knows", "pixels")
-            record["filled"] = filled.get(name, math.nan)
+            record = {
+                "table": comparison.title,
+                "method": name,
+                **fields_of(column, "metric", "variant", "unit", "better"),
+                **fields_of(cell, "mean", "std", "low", "high", "place", "rank"),
+                "tie_with_best": cell.tie,
+                **ends_of("behind", cell.behind),
+                **fields_of(cell, "wins", "effect", "holes"),
+                **fields_of(column, "n_units", "n_views", "n_scenes", "knows", "pixels"),
+                "filled": filled.get(name, math.nan),
+            }
             if comparison.baseline:
                 record |= {"baseline": comparison.baseline, **ends_of("change", cell.change)}
             yield record

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_rows import asked_for
 from sucre_bench.compare.compare_rows import compare
@@ -44,6 +46,9 @@ class Gate:
         return cls(method, metric, limit)
 
 
+Outcome = Literal["passed", "failed", "unknown", "no score"]
+
+
 @dataclass(frozen=True)
 class Gated:
     """What a gate says of a method in one column of one dataset.
@@ -57,7 +62,7 @@ class Gated:
     column: Column
     gate: Gate
     gain: Difference
-    outcome: Literal["passed", "failed", "unknown", "no score"]
+    outcome: Outcome
     worst: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -71,7 +76,7 @@ def gated(rows: DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gated]:
 
     Raises InputError for a metric or method that the rows do not have, and for a metric that only describes.
     """
-    known = set(rows["method"].unique()) if gates else set()
+    known = set(rows["method"].unique())
     found: list[Gated] = []
     for gate in gates:
         if gate.method and gate.method not in known:
@@ -106,24 +111,23 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
     gain, low, high = cell.change if cell else NO_DIFFERENCE
     if column.better == "lower":
         gain, low, high = -gain, -high, -low
-    worst: tuple[tuple[str, float], ...] = ()
-    outcome: Literal["passed", "failed", "unknown", "no score"] = "passed"
-    if math.isnan(gain) or not math.isfinite(high):
-        outcome = "no score" if math.isnan(gain) else "unknown"
+    worst: list[tuple[str, float]] = []
+    outcome: Outcome = "passed"
+    if math.isnan(gain):
+        outcome = "no score"
+    elif not math.isfinite(high):
+        outcome = "unknown"
     elif gain < gate.limit and high < 0:
         outcome = "failed"
         scores = table.measured[column]
         mine, base = (
             scores.views[:, scores.methods.index(name)] for name in (method, table.baseline)
         )
-        gains = (mine - base) * (-1 if column.better == "lower" else 1)
+        gains = (base - mine) * column.sign
         names = [
             f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places
         ]
-        losses = [
-            (name, float(of_view))
-            for name, of_view in zip(names, gains, strict=True)
-            if of_view < 0
-        ]
-        worst = tuple(sorted(losses, key=lambda loss: loss[1])[:_WORST])
-    return Gated(table.title, method, column, gate, (gain, low, high), outcome, worst)
+        for n in np.argsort(gains, kind="stable")[:_WORST]:
+            if gains[n] < 0:
+                worst.append((names[n], float(gains[n])))
+    return Gated(table.title, method, column, gate, (gain, low, high), outcome, tuple(worst))

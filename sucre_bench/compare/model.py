@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins
-from sucre_bench.plugins.plugin import Knows, Plugin
+from sucre_bench.plugins.plugin import Knows, Plugin, Role
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
@@ -81,6 +81,11 @@ class Column:
         return plugins.get("metric", self.metric)
 
     @property
+    def role(self) -> Role:
+        """What the metric tells; "" if it is not installed."""
+        return self.plugin.role if self.plugin else ""
+
+    @property
     def key(self) -> str:
         """Its name in options and on the page."""
         return f"{self.metric}:{self.variant}"
@@ -96,18 +101,14 @@ class Column:
         return self.better != "none" and self.metric not in COSTS
 
     @property
+    def sign(self) -> int:
+        """What turns its scores into numbers of which the smallest is the best."""
+        return -1 if self.better == "higher" else 1
+
+    @property
     def ranked(self) -> bool:
         """Whether methods win or lose by it."""
         return self.directed and self.knows != "taste"
-
-    @property
-    def agreement(self) -> float:
-        """In which share of pairs of methods a score that is evidence has the order of true colours, 0 to 1."""
-        return (
-            (1 + self.plugin.agreement[self.variant]) / 2
-            if self.plugin and self.knows == "evidence"
-            else math.nan
-        )
 
     @property
     def has_few_views(self) -> bool:
@@ -243,6 +244,22 @@ class Comparison:
 
     lacks_truth: bool = False
     """Whether metrics found neither a reference nor a chart in the data."""
+
+    def with_columns(self, columns: Collection[Column]) -> Comparison:
+        """Return the table with only these of its columns, in their order, and without notes on others alone."""
+        left = (
+            (note, tuple(column for column in note.columns if column in columns))
+            for note in self.notes
+        )
+        return replace(
+            self,
+            columns=tuple(columns),
+            cells={key: cell for key, cell in self.cells.items() if key[1] in columns},
+            measured={
+                column: self.measured[column] for column in self.measured if column in columns
+            },
+            notes=tuple(replace(note, columns=of) for note, of in left if of or not note.columns),
+        )
 
     def of(self, column: Column) -> dict[str, Cell]:
         """Return the cells of a column by method, in the table's order."""

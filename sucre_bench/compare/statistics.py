@@ -258,20 +258,18 @@ def undone_by(units: Units, best: int, second: int) -> int | None:
     unit decides.
     """
     pair = Units(units.sums[:, [best, second]], units.sizes)
-    alone = differences(pair, [(0, 1)])
-    if not (alone > 0).all() or len(units.sizes) > _MOST_LEFT_OUT:
+    (alone,) = differences(pair, [(0, 1)])
+    n = len(units.sizes)
+    if not alone > 0 or n > _MOST_LEFT_OUT:
         return None
-    if len(units.sizes) == 2:  # one unit has no interval
+    if n == 2:  # one unit has no interval
         return 0
-    wider = differences(units, [(best, second)]) / alone  # by what neighbours have in common
-    for unit in range(len(units.sizes)):
+    wider = differences(units, [(best, second)])[0] / alone  # by what neighbours have in common
+    sign = np.sign(np.diff(pair.sums.sum(axis=0)))
+    for unit in range(n):
         rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))
-        change = (
-            np.diff(rest.sums.sum(axis=0))
-            / rest.sizes.sum()
-            * np.sign(np.diff(pair.sums.sum(axis=0)))
-        )
-        if change[0] <= (wider * differences(rest, [(0, 1)]))[0]:
+        change = sign * np.diff(rest.sums.sum(axis=0)) / rest.sizes.sum()
+        if change[0] <= wider * differences(rest, [(0, 1)])[0]:
             return unit
     return None
 
@@ -380,12 +378,8 @@ def _rivals(units: Units, reference: int) -> tuple[list[int], Array]:
 def means(views: Array) -> Array:
     """Return means (M,) of (V, M), each summed without rounding: no order of views changes it."""
     finite = np.asarray(np.isfinite(views).all(axis=0))
-    return np.array(
-        [
-            math.fsum(of) / len(of) if ok else of.mean()
-            for of, ok in zip(views.T, finite, strict=True)
-        ]
-    )
+    columns = zip(views.T, finite, strict=True)
+    return np.array([math.fsum(of) / len(of) if ok else of.mean() for of, ok in columns])
 
 
 def standard_deviation(values: Array) -> Array:
@@ -413,33 +407,26 @@ def cells(
     if scores.independent is not None:
         # within the range of the metric: with few views intervals would leave it
         low, high = np.clip(mean_intervals(scores.independent), *column.range)
-    numbers = (*(_less(each, 0.0, size) for each in (mean, low, high)), holes)
-    made = [
-        Cell(float(m), float(s), float(a), float(b), int(n))
-        for m, a, b, n, s in zip(*numbers, std, strict=True)
-    ]
+    mean, low, high = (_less(each, 0.0, size) for each in (mean, low, high))
+    numbers = (each.tolist() for each in (mean, std, low, high, holes))
+    made = [Cell(*of_method) for of_method in zip(*numbers, strict=True)]
     if column.better == "none" or column.knows == "taste":
         return made
-    rivals = [m for m, name in enumerate(scores.methods) if name not in apart] or [
-        *range(len(made))
-    ]
-    for m, cell in zip(
-        rivals, _ranked(column, scores.of(rivals), [made[m] for m in rivals]), strict=True
-    ):
+    every = range(len(made))
+    rivals = [m for m in every if scores.methods[m] not in apart] or [*every]
+    ranked = _ranked(column, scores.of(rivals), [made[m] for m in rivals])
+    for m, cell in zip(rivals, ranked, strict=True):
         made[m] = cell
     return made
 
 
 def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[Cell]:
     """Compare all methods with the best, by its leads; for ranks below it compare all pairs [i, j]."""
-    worse = scores.views * _sign(column)
+    worse = scores.views * column.sign
     mean, size = means(worse), _size(worse)
     sizes = np.maximum(size, size[:, None])
-    # how far j is behind i; half interval
-    gap, half = (
-        _less(mean, mean[:, None], sizes),
-        np.full_like(sizes, np.nan),
-    )
+    gap = _less(mean, mean[:, None], sizes)  # how far j is behind i
+    half = np.full_like(sizes, np.nan)  # of the interval
     places = 1 + (gap > 0).sum(axis=0)
     best = int(np.argmin(places))
     if scores.independent is not None:
@@ -454,19 +441,19 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
     # equal methods share a view
     is_best = _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0
     wins = (is_best / is_best.sum(axis=1, keepdims=True)).sum(axis=0)
+    numbers = (each.tolist() for each in (places, ranks if column.ranked else places, wins))
+    found = zip(made, *numbers, _behind(worse, best, half[best]), strict=True)
     return [
         replace(
             cell,
-            place=int(places[m]),
-            rank=int(ranks[m]) if column.ranked else int(places[m]),
-            tie=bool(column.ranked and places[m] > 1 and may_be_chance(behind)),
+            place=place,
+            rank=rank,
+            tie=column.ranked and place > 1 and may_be_chance(behind),
             behind=behind,
-            wins=float(wins[m]),
+            wins=won,
             effect=_effect(lead),
         )
-        for m, (cell, (behind, lead)) in enumerate(
-            zip(made, _behind(worse, best, half[best]), strict=True)
-        )
+        for cell, place, rank, won, (behind, lead) in found
     ]
 
 
@@ -483,12 +470,11 @@ def against(
     if scores.independent is not None:
         half = changes(scores.independent, baseline)
     made = []
-    for cell, (behind, lead) in zip(
-        cells, _behind(scores.views * _sign(column), baseline, half), strict=True
-    ):
-        change = (
-            behind if column.better == "lower" else (0 - behind[0], 0 - behind[2], 0 - behind[1])
-        )
+    behinds = _behind(scores.views * column.sign, baseline, half)
+    for cell, (change, lead) in zip(cells, behinds, strict=True):
+        if column.better == "higher":
+            gap, low, high = change
+            change = (0 - gap, 0 - high, 0 - low)
         wins = float((lead > 0).sum() + 0.5 * (lead == 0).sum())
         made.append(replace(cell, change=change, wins=wins, effect=_effect(lead)))
     made[baseline] = replace(cells[baseline], change=NO_DIFFERENCE, wins=math.nan, effect=math.nan)
@@ -505,13 +491,8 @@ def _behind(worse: Array, reference: int, half: Array) -> Iterator[tuple[Differe
     gap = _less(mean, mean[reference], size)
     lead = _less(worse[:, [reference]], worse, size)
     low, high = _less(gap, half, size), _less(gap, -half, size)
-    for m, of_method in enumerate(lead.T):
-        yield (float(gap[m]), float(low[m]), float(high[m])), of_method
-
-
-def _sign(column: Column) -> int:
-    """What turns scores into numbers of which the best is the smallest."""
-    return -1 if column.better == "higher" else 1
+    intervals = zip(gap.tolist(), low.tolist(), high.tolist(), strict=True)
+    return zip(intervals, lead.T, strict=True)
 
 
 def _size(views: Array) -> Array:

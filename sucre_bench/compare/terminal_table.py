@@ -98,18 +98,17 @@ def as_table(
     chosen = deciding(comparison)
     comparison = replace(comparison, methods=best_first(comparison, chosen.main))
     laid_out = [
-        _laid(comparison, column, (words.title(column), column.variant), spread, intervals)
+        words.shown_column(
+            comparison, column, words.title(column), column.variant, spread, intervals
+        )
         for column in comparison.columns
     ]
     dim = [
         words.legend(comparison, spread, colours=True, intervals=intervals),
         *words.left_out(comparison),
     ]
-    said = (
-        [words.verdict_text(comparison, verdict) for verdict in verdicts(comparison)]
-        if intervals
-        else []
-    )
+    judged = verdicts(comparison) if intervals else ()
+    said = [words.verdict_text(comparison, verdict) for verdict in judged]
     said = words.framed(comparison, chosen, said)
     tables = _tables(comparison.methods, laid_out, width)
     return _joined(comparison.title, tables, dim, said, width, chosen.main)
@@ -120,11 +119,11 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
 
     every: all columns, not only those that decide; of many datasets a table a column.
     """
-    by_first: dict[str, list[tuple[Comparison, Deciding]]] = {}
+    by_first = defaultdict[str, list[tuple[Comparison, Deciding]]](list)
     for comparison in words.notes_once(comparisons):
         chosen = deciding(comparison, every)
         first = chosen.main or next((one for one in chosen.scores if one.directed), None)
-        by_first.setdefault(first.key if first else "", []).append((comparison, chosen))
+        by_first[first.key if first else ""].append((comparison, chosen))
     made: list[Group] = []
     for main, group in by_first.items():
         if main and len(group) > _MOST_BLOCKS:
@@ -142,41 +141,28 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
 
     The photograph stands below the methods. Lines are broken between words, to `width` characters.
     """
-    wanted = {*chosen.columns}
-    notes = [
-        replace(note, columns=tuple(column for column in note.columns if column in wanted))
-        for note in comparison.notes
-        if not note.columns or wanted & {*note.columns}
-    ]
     methods = best_first(comparison, chosen.main)
-    block = replace(comparison, methods=methods, columns=chosen.columns, notes=tuple(notes))
-    laid_out = []
+    block = replace(comparison.with_columns(chosen.columns), methods=methods)
     metrics = [column.metric for column in block.columns]
+    laid_out = []
     for column in block.columns:
-        unit = (
-            f"{column.variant} {column.unit}".rstrip()
-            if metrics.count(column.metric) > 1
-            else column.unit
-        )
-        head = (f"{column.metric} {words.ARROW[column.better]}".rstrip(), unit)
-        if column == chosen.filled:
-            head = ("filled", "%")
-        elif column == chosen.seconds:
-            head = ("s/view", "")
-        laid = _laid(block, column, head, intervals=False)
+        variant = column.variant if metrics.count(column.metric) > 1 else ""
+        unit = f"{variant} {column.unit}".strip()
+        head = f"{column.metric} {words.ARROW[column.better]}".rstrip()
+        laid = words.shown_column(block, column, head, unit, intervals=False)
         cells = [
             replace(cell, look="" if cell.look == "second" else cell.look) for cell in laid.cells
         ]
-        if column == chosen.filled:
+        laid = replace(laid, cells=cells)
+        if column not in chosen.scores and not column.is_share_filled:
+            laid = replace(laid, head="s/view", unit="")
+        elif column not in chosen.scores:
             percents = [_percent(block, name, column) for name in methods]
-            cells = [
-                replace(cell, value=percent) for cell, percent in zip(cells, percents, strict=True)
-            ]
-        laid_out.append(replace(laid, cells=cells))
-    over = [
-        f"means {over}" if n == 0 else over
-        for n, over in enumerate(words.over_views(block.columns))
-    ]
+            cells = [replace(cell, value=n) for cell, n in zip(cells, percents, strict=True)]
+            laid = ShownColumn("filled", cells, "%", laid.is_dim)
+        laid_out.append(laid)
+    over = words.over_views(block.columns)
+    over[:1] = [f"means {first}" for first in over[:1]]
     dim = [_signs(block, laid_out, over), words.resolution(block), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
     said = answer(block, deciding(comparison) if every else chosen)
@@ -190,32 +176,29 @@ def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
     blind = [one for one in comparisons if not deciding(one).knows_colours]
     places = defaultdict[str, list[int]](list)
     for one, column in found:
-        for place, name in enumerate(
-            best_first(one, column if column.ranked and not blind else None)
-        ):
+        main = column if column.ranked and not blind else None
+        for place, name in enumerate(best_first(one, main)):
             places[name].append(place)
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
-    methods = (
-        [*places]
-        if blind
-        else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
-    )
+    methods = [*places]
+    if not blind:
+        methods.sort(key=lambda name: (name in apart, fmean(places[name])))
     titles = [one.title for one in comparisons]
     letters = itertools.takewhile(lambda signs: len({*signs}) == 1, zip(*titles, strict=False))
     # up to the end of a word of a label
     prefix = re.sub(r"[^,=·/ ]*$", "", "".join(same[0] for same in letters))
     laid_out = [
-        _laid(
+        words.shown_column(
             replace(one, methods=tuple(methods)),
             column,
-            (one.title.removeprefix(prefix), ""),
+            one.title.removeprefix(prefix),
             intervals=False,
         )
         for one, column in zip(comparisons, mains, strict=True)
     ]
     views = [column.n_views for column in mains]
-    over = f"means over {min(views)}{f' to {max(views)}' if max(views) > min(views) else ''} views"
-    dim = [_signs(comparisons[0], laid_out, [over])]
+    ends = dict.fromkeys([str(min(views)), str(max(views))])
+    dim = [_signs(comparisons[0], laid_out, [f"means over {' to '.join(ends)} views"])]
     kinds = [{note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons]
     for kind, where in (
         ("common pixels", "on the pixels that all methods fill"),
@@ -228,19 +211,6 @@ def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
     said = [text for one in blind[:1] for text in (one.blind, one.advice)]
     head = f"{words.title(mains[0])} ({mains[0].variant}) of {len(titles)} tables{': ' + prefix if prefix else ''}"
     return _joined(head, _tables(methods, laid_out, width, apart), dim, said, width)
-
-
-def _laid(
-    comparison: Comparison,
-    column: Column,
-    head: tuple[str, str],
-    spread: bool = False,
-    intervals: bool = True,
-) -> ShownColumn:
-    cells = [words.shown(comparison, name, column, spread) for name in comparison.methods]
-    if not intervals:
-        cells = [replace(cell, interval="") for cell in cells]
-    return ShownColumn(head[0], cells, head[1], column.knows == "taste")
 
 
 def _signs(comparison: Comparison, laid_out: Sequence[ShownColumn], over: Sequence[str]) -> str:

@@ -4,7 +4,8 @@
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -37,10 +38,8 @@ _ALIKE = 0.75  # of the views: if they are worth fewer independent ones, a table
 
 def number(value: float) -> str:
     """Return three figures, two below 0.1 (see `NUMBERS`); "-" for NaN."""
-    if not math.isfinite(value):
-        if math.isnan(value):
-            return "-"
-        return "inf" if value > 0 else "-inf"
+    if math.isnan(value):
+        return "-"
     size = abs(value)
     for least, decimals in _DECIMALS:
         if size >= least:
@@ -76,6 +75,10 @@ def listed(names: Iterable[str]) -> str:
 # -- cells -------------------------------------------------------------------------------------------------
 
 
+Look = Literal["", "best", "second", "better", "worse"]
+_PLACES: Mapping[int, Look] = {1: "best", 2: "second"}
+
+
 @dataclass(frozen=True)
 class Shown:
     """The parts of a cell, each "" where there is none.
@@ -88,7 +91,7 @@ class Shown:
     value: str
     interval: str
     holes: str
-    look: Literal["", "best", "second", "better", "worse"]
+    look: Look
 
     def __str__(self) -> str:
         return " ".join(filter(None, [self.mark, self.value, self.interval, self.holes]))
@@ -103,27 +106,21 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     if not math.isnan(cell.change[0]):
         change, low, high = cell.change
         is_chance = may_be_chance(cell.change)
-        is_sure = column.ranked and math.isfinite(low) and not is_chance
-        is_better = (change > 0) == (column.better == "higher")
         mark = "≈" if change and is_chance and column.knows != "taste" else ""
-        look: Literal["", "better", "worse"] = ""
-        if is_sure:
-            look = "better" if is_better else "worse"
+        look: Look = ""
+        if column.ranked and math.isfinite(low) and not is_chance:
+            look = "better" if change * column.sign < 0 else "worse"
         return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
-    value = number(cell.mean) + (
-        f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else ""
-    )
-    if comparison.baseline or not column.ranked:
-        return Shown("", value, _interval(cell.low, cell.high), holes, "")
+    value = number(cell.mean)
+    if spread and not math.isnan(cell.std):
+        value += f" ± {number(cell.std)}"
     behind = [c for c in comparison.of(column).values() if c.place > 1]
-    differ = bool(behind)  # else there is no best
-    place: Literal["", "best", "second"] = ""
-    if differ and cell.place == 1:
-        place = "best"
-    elif differ and cell.place == 2:
-        place = "second"
-    # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
-    mark = "≈" if cell.tie and not all(c.tie for c in behind) else ""
+    place: Look = ""
+    mark = ""
+    if behind and column.ranked and not comparison.baseline:  # else there is no best
+        place = _PLACES.get(cell.place, "")
+        # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
+        mark = "≈" if cell.tie and not all(c.tie for c in behind) else ""
     return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
 
 
@@ -143,6 +140,21 @@ class ShownColumn:
     """Whether all of it is dim, because nobody wins by it."""
 
 
+def shown_column(
+    comparison: Comparison,
+    column: Column,
+    head: str,
+    unit: str = "",
+    spread: bool = False,
+    intervals: bool = True,
+) -> ShownColumn:
+    """Return what a column shows of each method; spread: with standard deviations; intervals: whether it has them."""
+    cells = [shown(comparison, name, column, spread) for name in comparison.methods]
+    if not intervals:
+        cells = [replace(cell, interval="") for cell in cells]
+    return ShownColumn(head, cells, unit, column.knows == "taste")
+
+
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
     return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
 
@@ -154,7 +166,7 @@ def over_views(columns: Sequence[Column]) -> list[str]:
     """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
     measured = [column for column in columns if column.n_units]
     scores = [column for column in measured if column.ranked and not column.is_share_filled]
-    alike: dict[str, list[str]] = {}
+    alike = defaultdict[str, list[str]](list)
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
         charts = f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
@@ -164,14 +176,14 @@ def over_views(columns: Sequence[Column]) -> list[str]:
         elif column.ranked and 0 < column.worth <= _ALIKE * column.n_views:
             rough = f" (neighbours may be alike: worth {column.worth:.0f} independent ones or more)"
         over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
-        alike.setdefault(over, []).append(column.metric)
+        alike[over].append(column.metric)
     return [
         f"{listed(dict.fromkeys(names))}: {over}" if n else over
         for n, (over, names) in enumerate(alike.items())
     ]
 
 
-def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
+def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False) -> list[str]:
     """Return what the marks of cells mean. colours: whether better and worse are green and red, not bold."""
     looks = {cell.look for cell in cells}
     parts = []
@@ -194,22 +206,20 @@ def resolution(comparison: Comparison) -> str:
     """
     undecided, least = list[str](), list[str]()
     for column in comparison.columns:
-        cells = [cell for cell in comparison.of(column).values() if cell.place > 1]
-        found = [cell.behind for cell in cells]
+        cells = comparison.of(column).values()
+        found = [cell.behind for cell in cells if cell.place > 1]
         if comparison.baseline:
-            found = [cell.change for cell in comparison.of(column).values()]
-        if not column.ranked or not any(map(may_be_chance, found)):
+            found = [cell.change for cell in cells]
+        are_chance = [may_be_chance(difference) for difference in found]
+        if not column.ranked or not any(are_chance):
             continue
-        if not comparison.baseline and all(map(may_be_chance, found)):
-            undecided.append(name_in(comparison, column))
+        name = name_in(comparison, column)
+        if not comparison.baseline and all(are_chance):
+            undecided.append(name)
         halves = [high - gap for gap, _, high in found if math.isfinite(high)]
         if halves:
-            ends = dict.fromkeys(number(end) for end in (min(halves), max(halves)))
-            least.append(
-                f"{' to '.join(ends)} {column.unit} in {name_in(comparison, column)}".replace(
-                    "  ", " "
-                )
-            )
+            ends = dict.fromkeys([number(min(halves)), number(max(halves))])
+            least.append(" ".join(filter(None, [" to ".join(ends), column.unit, "in", name])))
     said = []
     if undecided:
         said.append(f"no method differs from the best by more than chance in {listed(undecided)}")
@@ -228,6 +238,7 @@ def legend(
     """
     if not comparison.columns:
         return "no scores"
+    baseline = comparison.baseline
     cells = [
         shown(comparison, name, column)
         for name in comparison.methods
@@ -236,26 +247,21 @@ def legend(
     has_interval = intervals and any(cell.interval for cell in cells)
     interval = " [95 % interval]" if has_interval else ""
     of = f"mean{' ± standard deviation' if spread else ''}{interval}"
-    if comparison.baseline:
-        of = f"with a sign: the difference from {comparison.baseline}{interval}; else {of}"
+    if baseline:
+        of = f"with a sign: the difference from {baseline}{interval}; else {of}"
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
-    parts += filter(None, [resolution(comparison)])
+    parts.append(resolution(comparison))
     if has_interval:
         units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
         parts.append(f"intervals: bootstrap over {units}")
         scored = {name for name, column in comparison.cells if column.ranked}
-        n = len(
-            scored.intersection(comparison.methods if comparison.baseline else comparison.restorers)
-        )
-        of = (
-            f"differences from {comparison.baseline}"
-            if comparison.baseline
-            else "differences from the best"
-        )
-        how = f"step-down max-t over {n} methods"
-        if n > 1:
-            parts.append(f"of {of}: {how}" if n > 2 else "of the difference: Student's")
-    return "; ".join(parts)
+        n = len(scored.intersection(comparison.methods if baseline else comparison.restorers))
+        if n > 2:
+            of = f"differences from {baseline or 'the best'}"
+            parts.append(f"of {of}: step-down max-t over {n} methods")
+        elif n == 2:
+            parts.append("of the difference: Student's")
+    return "; ".join(filter(None, parts))
 
 
 def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
@@ -273,19 +279,20 @@ def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
 
     What tells the tables apart, fewer neighbouring views for example, does not reach this method.
     """
-    groups: dict[str, list[Comparison]] = {}
+    groups = defaultdict[str, list[Comparison]](list)
     for comparison in comparisons:
-        groups.setdefault(comparison.title.partition(",")[0], []).append(comparison)
+        groups[comparison.title.partition(",")[0]].append(comparison)
     said = []
-    for name, (first, *others) in groups.items():
-        same = [
-            method
-            for method in first.restorers
-            if _means(first, method)
-            and all(_means(one, method) == _means(first, method) for one in others)
-        ]
-        if others and same:
-            what = f"in all {1 + len(others)} tables of {name}: what differs between these does not reach"
+    for name, tables in groups.items():
+        same = []
+        for method in tables[0].restorers:
+            first = _means(tables[0], method)
+            if first and all(_means(one, method) == first for one in tables[1:]):
+                same.append(method)
+        if same and len(tables) > 1:
+            what = (
+                f"in all {len(tables)} tables of {name}: what differs between these does not reach"
+            )
             said.append(
                 f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
             )
@@ -328,9 +335,9 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     """
     column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
     name = name_in(comparison, column)
-    if column.knows == "evidence":
-        agreeing = f"{10 * column.agreement:.0f} of 10 pairs of methods"
-        name = f"By {name}, which agrees with true colours in {agreeing}"
+    if column.plugin and column.knows == "evidence":
+        pairs = 5 * (1 + column.plugin.agreement[column.variant])
+        name = f"By {name}, which agrees with true colours in {pairs:.0f} of 10 pairs of methods"
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
@@ -380,12 +387,6 @@ class Deciding:
     scores: tuple[Column, ...]
     """The main one first."""
 
-    filled: Column | None
-    """Share of pixels with a colour; None where it was not measured."""
-
-    seconds: Column | None
-    """A restoration's; None where it was not measured."""
-
     knows_colours: bool
     """False if no score compares with what is true, and nobody voted."""
 
@@ -393,7 +394,7 @@ class Deciding:
     """The score that sorts the methods; None if no score shows which colours are true."""
 
     columns: tuple[Column, ...]
-    """All of them, in the order of a table."""
+    """All of them, in the order of a table: behind the scores, the share of pixels with a colour, and seconds."""
 
 
 def deciding(comparison: Comparison, every: bool = False) -> Deciding:
@@ -404,48 +405,34 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     a plugin under test, say.
     """
     scores = comparison.columns
-    filled = seconds = None
+    beside: list[Column] = []
     if not every:
-        once: dict[
-            str, Column
-        ] = {}  # the default variant of each metric, or the first that was scored
+        # the default variant of each metric, or the first that was scored
+        once: dict[str, Column] = {}
         for column in scores:
             is_default = column.plugin is not None and column.variant == column.plugin.default[0]
             if column.directed and (column.metric not in once or is_default):
                 once[column.metric] = column
-        by_role: dict[Role, list[Column]] = {}
-        for column in once.values():
-            by_role.setdefault(column.plugin.role if column.plugin else "", []).append(column)
-        left = {role: iter(of_role) for role, of_role in by_role.items()}
-        found = [
-            (role, one) for role in _TRUE_COLOURS if (one := next(left.get(role, iter(())), None))
-        ]
-        known = [
-            column
-            for _, column in sorted(found[:_MOST], key=lambda each: _TRUE_COLOURS.index(each[0]))
-        ]
+        left = [*once.values()]
+        known: list[Column] = []
+        for role in _TRUE_COLOURS:
+            known += [c for c in left if c.role == role and c not in known][:1]
+        known = sorted(known[:_MOST], key=lambda column: _TRUE_COLOURS.index(column.role))
         if not known:
-            of_people = [column for column in once.values() if column.metric == PREFERENCE]
-            evidence = [column for column in once.values() if column.knows == "evidence"]
-            taste = [
-                column for column in by_role.get("no-reference", []) if column.knows == "taste"
-            ]
+            of_people = [column for column in left if column.metric == PREFERENCE]
+            evidence = [column for column in left if column.knows == "evidence"]
+            of_picture = [column for column in left if column.role == "no-reference"]
+            taste = [column for column in of_picture if column.knows == "taste"]
             known = [*of_people, *evidence[:_MOST_BLIND], *taste[:_MOST_BLIND]]
-        others = [
-            c
-            for c in once.values()
-            if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS
-        ]
-        filled = next((column for column in scores if column.is_share_filled), None)
-        seconds = next((column for column in scores if column.metric == RESTORATION), None)
-        chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
-        scores = tuple(column for column in chosen if column != filled)
+        others = [column for column in left if column not in known and column.role in _OTHERS]
+        beside = [c for c in scores if c.is_share_filled or c.metric == RESTORATION]
+        chosen = known + others or left
+        scores = tuple(column for column in chosen[:_MOST] if column not in beside)
     scores = tuple(sorted(scores, key=lambda column: column.knows == "taste"))
     directed = [column for column in scores if column.directed]
     knows = not directed or any(column.knows == "truth" for column in directed)
     main = next((column for column in directed if knows and column.ranked), None)
-    shown = (*scores, *(column for column in (filled, seconds) if column))
-    return Deciding(scores, filled, seconds, knows, main, shown)
+    return Deciding(scores, knows, main, (*scores, *beside))
 
 
 _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
@@ -455,9 +442,8 @@ def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
     """Return the methods by their mean of a score, those without it behind them, photographs last; else as asked."""
     names = comparison.restorers or comparison.methods
     if main is not None:
-        sign = -1 if main.better == "higher" else 1
         means = {
-            name: sign * cell.mean
+            name: main.sign * cell.mean
             for name, cell in comparison.of(main).items()
             if not math.isnan(cell.mean)
         }
@@ -512,7 +498,7 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
         interval = (low, high) if change > 0 else (-high, -low)
         pair = (name, baseline)
         wins = cell.wins
-        if change and (change > 0) != (column.better == "higher"):
+        if change * column.sign > 0:
             pair = (baseline, name)
             wins = column.n_views - cell.wins
         yield Verdict(
@@ -555,8 +541,6 @@ def framed(comparison: Comparison, chosen: Deciding, said: Sequence[str]) -> lis
 
 def _is_beaten(comparison: Comparison, column: Column) -> bool:
     """Whether the photograph has a better mean than each method beside it."""
-    cells = comparison.of(column)
-    sign = -1 if column.better == "lower" else 1
-    photographs = [sign * cells[name].mean for name in comparison.photographs if name in cells]
-    methods = [sign * cells[name].mean for name in comparison.restorers if name in cells]
-    return bool(photographs and methods) and max(photographs) > max(methods)
+    worse = {name: column.sign * cell.mean for name, cell in comparison.of(column).items()}
+    photographs = [worse.pop(name) for name in comparison.photographs if name in worse]
+    return bool(photographs and worse) and min(photographs) < min(worse.values())
