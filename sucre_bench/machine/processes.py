@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection, wait
@@ -40,14 +40,27 @@ _ENDS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr
 
 
 @contextmanager
+def _handled(stops: Iterable[int], handler: Callable[[int, object], None]) -> Iterator[None]:
+    """Let a function handle signals in this block. Other threads than the main one may not set handlers, and need none:
+    signals interrupt the main thread alone.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {stop: signal.getsignal(stop) for stop in stops if is_main}
+    try:
+        for stop in before:
+            signal.signal(stop, handler)
+        yield
+    finally:
+        for stop, previous in before.items():
+            signal.signal(stop, previous or signal.SIG_DFL)
+
+
+@contextmanager
 def terminated_as_interrupt() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end this block like Ctrl-C, so that finished work is kept and merged.
 
     A signal that is ignored, as by `nohup`, stays so.
     """
-    if threading.current_thread() is not threading.main_thread():  # it alone may set handlers
-        yield
-        return
 
     def interrupt(number: int, _: object) -> None:
         if number != signal.SIGTERM:
@@ -58,16 +71,9 @@ def terminated_as_interrupt() -> Iterator[None]:
                         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
         raise KeyboardInterrupt
 
-    before = {
-        end: signal.getsignal(end) for end in _ENDS if signal.getsignal(end) is not signal.SIG_IGN
-    }
-    try:
-        for end in before:
-            signal.signal(end, interrupt)
+    heeded = [end for end in _ENDS if signal.getsignal(end) is not signal.SIG_IGN]
+    with _handled(heeded, interrupt):
         yield
-    finally:
-        for end, handler in before.items():
-            signal.signal(end, handler or signal.SIG_DFL)
 
 
 @contextmanager
@@ -78,17 +84,10 @@ def interrupts_held_back() -> Iterator[list[int]]:
     ends or removes it.
     """
     held: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        # signals interrupt the main thread alone
-        yield held
-        return
-    stops = (signal.SIGINT, *_ENDS)
-    before = {stop: signal.signal(stop, lambda number, _: held.append(number)) for stop in stops}
     try:
-        yield held
+        with _handled((signal.SIGINT, *_ENDS), lambda number, _: held.append(number)):
+            yield held
     finally:
-        for stop, handler in before.items():
-            signal.signal(stop, handler or signal.SIG_DFL)
         for number in dict.fromkeys(held):
             signal.raise_signal(number)
 
@@ -176,11 +175,9 @@ def step(name: str, limit_s: float | None = None) -> Iterator[None]:
 def can_fork() -> bool:
     """Whether a child of this process could go on with what it has: on Linux, without a debugger and JAX's threads."""
     jax = sys.modules.get("jax._src.xla_bridge")
-    return (
-        sys.platform == "linux"
-        and sys.gettrace() is None
-        and not (jax and jax.backends_are_initialized())
-    )
+    if sys.platform != "linux" or (jax and jax.backends_are_initialized()):
+        return False
+    return sys.gettrace() is None
 
 
 class Forked:
@@ -202,14 +199,8 @@ class Forked:
         self._lines: set[str] = set()  # of progress that are not finished
         self._received = bytearray()
         self.messages, sending = Pipe()
-        given = (
-            work,
-            faults,
-            self.messages,
-            sending,
-            os.getpid(),
-            dying_with_parent(signal.SIGKILL),
-        )
+        dying = dying_with_parent(signal.SIGKILL)
+        given = (work, faults, self.messages, sending, os.getpid(), dying)
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
             # idle threads of BLAS count as threads
@@ -221,11 +212,9 @@ class Forked:
     @property
     def is_late(self) -> bool:
         """Whether its step takes longer than it may."""
-        return (
-            not self.has_ended
-            and self.limit_s is not None
-            and time.monotonic() - self._started > self.limit_s
-        )
+        if self.has_ended or self.limit_s is None:
+            return False
+        return time.monotonic() - self._started > self.limit_s
 
     def give(self, value: object) -> None:
         """Give the child what it waits for with `take()`."""
@@ -317,7 +306,7 @@ class Forked:
 
         At Ctrl-C in the meantime it gets SIGTERM once more. Return the work's messages that were not received yet.
         """
-        messages: list[tuple[Any, ...]] = []
+        messages = list[tuple[Any, ...]]()
         if not self.has_ended and self._stop_at == float("inf"):
             self.ask_to_stop()
         while not self.has_ended and time.monotonic() < self._stop_at:
@@ -413,9 +402,7 @@ class _ToParent(io.RawIOBase):
     """Sends what is written to the parent, which may be drawing in the same terminal."""
 
     def __init__(self, send: Send, number: int, name: str) -> None:
-        self._send = send
-        self._number = number
-        self._name = name
+        self._send, self._number, self._name = send, number, name
         self._own = os.getpid()
 
     def writable(self) -> bool:
