@@ -40,19 +40,18 @@ def waited_lock(path: Path, patience_s: float = -1, silent_s: float = _SILENT_S)
     """
     from filelock import BaseFileLock, FileLock, SoftFileLock
 
-    def acquire(lock: BaseFileLock) -> BaseFileLock:
-        held = "another process holds this lock; wait for it, or delete the file if no command is at work here"
-        with warnings.catch_warnings(action="ignore"):  # of a file system without locks
+    has_locks = _has_locks(path)
+    lock: BaseFileLock = FileLock(path) if has_locks else SoftFileLock(f"{path}.held")
+    held = "another process holds this lock; wait for it, or delete the file if no command is at work here"
+    with warnings.catch_warnings(action="ignore"):  # of a file system without locks
+        try:
+            lock.acquire(timeout=silent_s)
+        except TimeoutError:
+            progress.say(f"waiting  {lock.lock_file}: {held}")
             try:
-                return lock.acquire(timeout=silent_s).lock
-            except TimeoutError:
-                progress.say(f"waiting  {lock.lock_file}: {held}")
-            try:
-                return lock.acquire(timeout=patience_s).lock
+                lock.acquire(timeout=patience_s)
             except TimeoutError:
                 raise InputError(f"{lock.lock_file}: {held}") from None
-
-    lock = acquire(FileLock(path) if _has_locks(path) else SoftFileLock(f"{path}.held"))
     try:
         yield
     finally:
@@ -138,20 +137,19 @@ class ArrayStore:
         made: list[Values] = []
 
         def write(path: Path) -> Values:
-            made.append(make())
-            if _LEAST_BYTES <= made[0].nbytes <= self.most_bytes:
-                with suppress(OSError):
-                    self._make_room(made[0].nbytes)
-                with path.open("wb") as file:
-                    np.lib.format.write_array(
-                        file, np.ascontiguousarray(made[0]), allow_pickle=False
-                    )
-                return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-            return made[0]
+            values = make()
+            made.append(values)
+            if not _LEAST_BYTES <= values.nbytes <= self.most_bytes:
+                return values
+            with suppress(OSError):
+                self._make_room(values.nbytes)
+            with path.open("wb") as file:
+                np.save(file, np.ascontiguousarray(values), allow_pickle=False)
+            return _mapped(path)
 
         def read(path: Path) -> Values | None:
             with suppress(OSError, ValueError, EOFError):
-                values = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+                values = _mapped(path)
                 os.utime(path)
                 return values
             return None
@@ -164,17 +162,20 @@ class ArrayStore:
 
     def _make_room(self, n_bytes: int) -> None:
         """Remove files, those used longest ago first, until there is room."""
-        files = []
+        states = {}
         for file in self.folder.glob("*.npy"):
             with suppress(OSError):  # removed just now
-                state = file.stat()
-                files.append((state.st_mtime_ns, state.st_size, file))
-        filled = sum(size for _, size, _ in files) + n_bytes
-        for _, size, file in sorted(files):
+                states[file] = file.stat()
+        filled = sum(state.st_size for state in states.values()) + n_bytes
+        for file in sorted(states, key=lambda file: states[file].st_mtime_ns):
             if filled <= self.most_bytes:
                 return
             file.unlink(missing_ok=True)
-            filled -= size
+            filled -= states[file].st_size
+
+
+def _mapped(path: Path) -> Values:
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 # One for the process: threads ask for arrays too.
