@@ -122,10 +122,9 @@ class _Display:
             self._said.add(values)
         elif event == "started":
             number, what, total = values
-            added = self._bars.add_task(
-                "  " * len(self._tasks) + what, total=total, left="", what=what, told=now
-            )
-            self._tasks[number] = next(task for task in self._bars.tasks if task.id == added)
+            inner = "  " * len(self._tasks)
+            self._bars.add_task(inner + what, total=total, left="", what=what, told=now)
+            self._tasks[number] = self._bars.tasks[-1]
         elif event == "advanced":
             task = self._tasks[values[0]]
             self._bars.advance(task.id)
