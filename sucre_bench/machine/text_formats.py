@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import re
 import traceback
@@ -69,6 +70,11 @@ def json_text(value: Any) -> str:
         json.dumps(known, indent=1),
         flags=re.MULTILINE,
     )
+
+
+def short_hash(text: str) -> str:
+    """Return the hash of a text that rows and names of files have: 12 hex digits."""
+    return hashlib.blake2b(text.encode(), digest_size=6).hexdigest()
 
 
 # -- rows, messages and logs -------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections import namedtuple
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.errors import InputError
-from sucre_bench.machine.text_formats import now
+from sucre_bench.machine.text_formats import now, short_hash
 
 if TYPE_CHECKING:
     import pyarrow
@@ -157,7 +156,7 @@ PREFERENCE = "preference"
 def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
     """Return options as canonical JSON, and a short hash of that."""
     text = json.dumps(dict(values), sort_keys=True, default=str)
-    return text, hashlib.blake2b(text.encode(), digest_size=6).hexdigest()
+    return text, short_hash(text)
 
 
 def frame(rows: Iterable[Row]) -> DataFrame:
