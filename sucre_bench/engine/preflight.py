@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -36,6 +36,7 @@ from sucre_bench.loading.passed_over import say_passed_over
 from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
+from sucre_bench.machine.text_formats import short_hash
 from sucre_bench.plugins.options import Choice, options_of, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
@@ -64,11 +65,11 @@ def select(overrides: Sequence[str]) -> list[Selection]:
 
     job = compose_jobs.jobs(overrides, multirun=False).jobs[0]
     job = replace(job, degrade=replace(job.degrade, within=None, keep=None))
-    chosen: dict[str, tuple[Scene, list[View]]] = {}
-    for task in tasks(job, open_scenes(job.dataset)):
-        chosen.setdefault(task.scene.name, (task.scene, []))[1].append(task.view)
     return [
-        Selection(job.dataset, job.degrade, scene, tuple(views)) for scene, views in chosen.values()
+        Selection(
+            job.dataset, job.degrade, of_scene[0].scene, tuple(task.view for task in of_scene)
+        )
+        for of_scene in tasks_by_scene(job, open_scenes(job.dataset)).values()
     ]
 
 
@@ -82,15 +83,13 @@ class Task:
     base: Row
 
 
-_opened: ContextVar[dict[str, list[Scene] | SucreBenchError] | None] = ContextVar(
-    "opened", default=None
-)
+_opened = ContextVar[dict[str, list[Scene] | SucreBenchError]]("opened")
 
 
 @contextmanager
 def opening_once() -> Iterator[None]:
     """In this block, open each dataset once, for all jobs of this process, also if that fails."""
-    token = _opened.set({} if (opened := _opened.get()) is None else opened)
+    token = _opened.set(_opened.get({}))
     try:
         yield
     finally:
@@ -99,8 +98,7 @@ def opening_once() -> Iterator[None]:
 
 def open_scenes(dataset: Choice) -> list[Scene]:
     """Open every scene of a dataset; pixels stay unread. InputError or PluginError when it cannot be opened."""
-    if (opened := _opened.get()) is None:
-        return _open(dataset)
+    opened = _opened.get({})
     key = results.fingerprint({**dataset.record, "replicate": dataset.seed})[1]
     if key not in opened:
         try:
@@ -114,6 +112,7 @@ def open_scenes(dataset: Choice) -> list[Scene]:
 
 
 def _open(dataset: Choice) -> list[Scene]:
+    where = f"dataset '{dataset.label}'"
     try:
         scenes = list(dataset.make().scenes())
     except SucreBenchError:
@@ -124,31 +123,23 @@ def _open(dataset: Choice) -> list[Scene]:
                 raise not_writable(Path(os.fsdecode(fault.filename)), fault) from fault
             remedy = "let this user read it, or give another path"
             raise file_error(os.fsdecode(fault.filename), fault, remedy) from fault
-        reason = f"dataset '{dataset.label}': {one_line(fault)}"
-        raise InputError(
-            f"{reason}; if a library is missing, `sucre-bench doctor` says which"
-        ) from fault
+        remedy = "if a library is missing, `sucre-bench doctor` says which"
+        raise InputError(one_line(fault), where, remedy) from fault
     except BaseException as fault:
         raise_if_stop(fault)
-        reason = f"{one_line(fault)}; mend the plugin"
-        raise PluginError(f"dataset '{dataset.label}': {reason}") from fault
+        raise PluginError(one_line(fault), where, "mend the plugin") from fault
     for scene in scenes:
         if not isinstance(scene, Scene):
-            raise PluginError(
-                f"dataset '{dataset.label}': yields {type(scene).__name__}; scenes() yields Scene objects"
-            )
+            fault_of_type = f"yields {type(scene).__name__}"
+            raise PluginError(fault_of_type, where, "scenes() yields Scene objects")
         for kind, name in (("scene", scene.name), *(("view", view.name) for view in scene.views)):
             if not PurePosixPath(name).name:
-                raise PluginError(
-                    f"dataset '{dataset.label}': a {kind} is called '{name}'; give it a name"
-                )
-    name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
-    if times > 1:
-        raise InputError(
-            f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder"
-        )
-    if not any(len(scene) for scene in scenes):
-        raise InputError(f"dataset '{dataset.label}': no views; check its options")
+                raise PluginError(f"a {kind} is called '{name}'", where, "give it a name")
+    for name, times in Counter(scene.name for scene in scenes).most_common(1):
+        if times > 1:
+            raise InputError(f"{times} scenes are called '{name}'", where, "rename a folder")
+    if not any(map(len, scenes)):
+        raise InputError("no views", where, "check its options")
     _say_passed_over(dataset, scenes)
     return scenes
 
@@ -156,21 +147,16 @@ def _open(dataset: Choice) -> list[Scene]:
 def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
     """Say what lies unread in the folders that the dataset's options name, and beside what its views read."""
     read = {file for scene in scenes for view in scene.views for file in source_files(view)}
-    root = expanded(dataset.options.get("root") or "")
-    if not read or not dataset.options.get("root"):
+    folder = dataset.options.get("root")
+    if not read or not folder:
         return
-    values = {option.name: option.default for option in options_of(dataset.plugin.cls)} | {
-        **dataset.options
-    }
-    named = [
-        root / expanded(value)
-        for value in values.values()
-        if isinstance(value, str | Path) and value
-    ]
-    is_published = bool(dataset.plugin.licence)
+    root = expanded(folder)
+    default = {option.name: option.default for option in options_of(dataset.plugin.cls)}
+    values = {**default, **dataset.options}.values()
+    named = [root / expanded(value) for value in values if isinstance(value, str | Path) and value]
     folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
     read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
-    say_passed_over(root, sorted(folders), read, beside=not is_published)
+    say_passed_over(root, sorted(folders), read, beside=not dataset.plugin.licence)
 
 
 def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
@@ -178,15 +164,19 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
 
     Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
     """
-    base, kept, drawn = base_row(job), places(job.dataset.label, scenes, job.replicate), job.drawn
-    # A method that looks at charts may look at those of all views.
-    codes = {s.name: f"{base.code}{charts_id(job.method.plugin, s.views)}" for s in scenes}
-    data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
-    is_degraded = bool(drawn.identity())
-    degraded = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
-    every = [(scene, view) for scene in degraded for view in scene.views]
+    base = base_row(job)
+    kept = places(job.dataset.label, scenes, job.replicate)
+    drawn = job.drawn
+    every = list[tuple[Scene, View, Row]]()
+    for scene in scenes:
+        # A method that looks at charts may look at those of all views.
+        code = f"{base.code}{charts_id(job.method.plugin, scene.views)}"
+        name = results.replicated(scene.name, job.replicate)
+        row = replace(base, scene=name, data_id=drawn.data_id(scene.data_id), code=code)
+        whole = degraded_whole(scene, drawn)
+        every += [(whole, view, row) for view in whole.views]
     if job.views is not None:
-        names = {view.name for _, view in every}
+        names = {view.name for _, view, _ in every}
         if unknown := [name for name in job.views if name not in names]:
             hint = (
                 did_you_mean(unknown[0], names)
@@ -195,30 +185,30 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
             )
             raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
         chosen = set(job.views)
-        every = [(scene, view) for scene, view in every if view.name in chosen]
-    for scene, view in job.shard.of(every[:: job.every][: job.first]):
-        name, data_id, code = (
-            results.replicated(scene.name, job.replicate),
-            data_ids[scene.name],
-            codes[scene.name],
-        )
-        row = replace(base, scene=name, view=view.name, data_id=data_id, code=code)
-        neighbours = around(scene, view, drawn) if is_degraded else scene
-        yield Task(neighbours, view, kept[scene.name, view.name], row)
+        every = [one for one in every if one[1].name in chosen]
+    for scene, view, row in job.shard.of(every[:: job.every][: job.first]):
+        place = kept[scene.name, view.name]
+        yield Task(around(scene, view, drawn), view, place, replace(row, view=view.name))
+
+
+def tasks_by_scene(job: Job, scenes: Sequence[Scene]) -> dict[str, list[Task]]:
+    """Return what `tasks` yields by the scene's name in rows."""
+    by_scene = defaultdict[str, list[Task]](list)
+    for task in tasks(job, scenes):
+        by_scene[task.base.scene].append(task)
+    return by_scene
 
 
 def base_row(job: Job) -> Row:
     """What every row of a job says."""
-    about = {
-        "dataset": job.dataset.record,
-        **({"degrade": given} if (given := job.degrade.record) else {}),
-        **({"replicate": job.replicate} if job.replicate else {}),
-    }
+    about = {"degrade": job.degrade.record, "replicate": job.replicate}
+    given = {name: value for name, value in about.items() if value}
+    options = {**job.method.record, "dataset": job.dataset.record, **given}
     methods, files = job.method.rests_on
     return Row(
         dataset=job.dataset.label,
         method=job.method.label,
-        options=results.fingerprint({**job.method.record, **about})[0],
+        options=results.fingerprint(options)[0],
         options_id=results.fingerprint(job.method.record)[1],
         seed=job.seed if job.method.seed is None else job.method.seed,
         code=source_hash(job.dataset.plugin, job.method.plugin, *methods, files=files),
@@ -292,19 +282,15 @@ def check(command: Command) -> list[Planned]:
         problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
     rows = results.frame([])
     try:
-        rows = _stored(jobs[0])
+        rows = stored_rows(jobs[0])
     except SucreBenchError as fault:
         problems.append(str(fault))
     planned: list[Planned] = []
-    shared, of_job = (
-        functools.cache(with_shared_pixels),
-        dict(iter(rows.groupby(["dataset", "method"]))),
-    )
+    shared = functools.cache(with_shared_pixels)
+    of_job = dict(iter(rows.groupby(["dataset", "method"])))
     for job in jobs:
         try:
-            for metric in job.metrics:
-                _made(metric, job.out)
-            method = _made(job.method, job.out)
+            *_, method = [_made(choice, job.out) for choice in (*job.metrics, job.method)]
             of_method = of_job.get((job.dataset.label, job.method.label), rows[:0])
             sees_whole_scene = bool(getattr(method, "sees_whole_scene", False))
             by_scene = sees_whole_scene or is_of_scene(job.method.display)
@@ -321,7 +307,7 @@ def check(command: Command) -> list[Planned]:
 def planned_again(before: Planned) -> Planned:
     """Return what a job will do now, without a check. Raises what opening its dataset raises."""
     job = before.job
-    rows = _stored(job, dataset=job.dataset.label, method=job.method.label)
+    rows = stored_rows(job, dataset=job.dataset.label, method=job.method.label)
     now = _planned(job, rows, with_shared_pixels)
     return replace(now, by_scene=before.by_scene, shares_decoded=before.shares_decoded)
 
@@ -331,23 +317,23 @@ def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
 
     They do by two methods, and by one that reads a target's neighbours.
     """
-    read = Counter(
+    read = [
         (plan.job.dataset.label, task.base.scene, task.view.name)
         for plan in planned
         for task in plan.todo
-    )
+    ]
     reads_neighbours = any(
         "poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned
     )
-    reads_again = reads_neighbours or max(read.values(), default=0) > 1
+    reads_again = reads_neighbours or len(set(read)) < len(read)
     return [
         replace(plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again))
         for plan in planned
     ]
 
 
-def _stored(job: Job, **labels: str) -> DataFrame:
-    """The rows of a job's output folder; none if it has no table."""
+def stored_rows(job: Job, **labels: str) -> DataFrame:
+    """Return the rows of a job's output folder; none if it has no table. labels: see `results.read`."""
     try:
         return results.read(job.out, **labels)
     except MissingFileError:
@@ -356,33 +342,20 @@ def _stored(job: Job, **labels: str) -> DataFrame:
 
 def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Planned:
     """What a job will do. rows: all of its dataset and method; shared: makes the pixels of a scene shared."""
-    scenes, of_scene = (
-        [shared(scene) for scene in open_scenes(job.dataset)],
-        dict[str, list[Task]](),
-    )
+    scenes = [shared(scene) for scene in open_scenes(job.dataset)]
     every = tuple(tasks(job, scenes))
+    over: dict[str, tuple[Task, ...]] = {}
     if is_of_scene(job.method.display):
-        for task in tasks(replace(job, shard=Shard()), scenes):
-            of_scene.setdefault(task.base.scene, []).append(task)
-    over = {
-        scene: tuple(of[k] for k in evenly(len(of), MOST_SHOWN_OVER))
-        for scene, of in of_scene.items()
-    }
-    if rows.empty:
-        return Planned(job, every, every, frozenset(), over)
+        for scene, of_scene in tasks_by_scene(replace(job, shard=Shard()), scenes).items():
+            over[scene] = tuple(of_scene[k] for k in evenly(len(of_scene), MOST_SHOWN_OVER))
     todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
-    return Planned(
-        job,
-        every,
-        todo,
-        frozenset(values_of(restoration_rows(rows), "scene", "view", "time")),
-        over,
-    )
+    before = frozenset(values_of(restoration_rows(rows), "scene", "view", "time"))
+    return Planned(job, every, todo, before, over)
 
 
 def names_hash(views: Iterable[str]) -> str:
     """Return a hash of the views whose colours a scene is shown by; their data, options and code are in the rows."""
-    return hashlib.blake2b("\n".join(views).encode(), digest_size=6).hexdigest()
+    return short_hash("\n".join(views))
 
 
 def _without_results(
@@ -395,22 +368,18 @@ def _without_results(
     is_kept = rows["status"] != "failed"
     if job.overwrite != "failed":
         is_kept |= Reason.among(rows["reason"], Reason.DIED)
-    kept: dict[
-        tuple[str, str], dict[tuple[str, ...], str]
-    ] = {}  # of each view, the status of its scores
-    columns = ("options_id", "data_id", "metric", "variant", "code")
-    for scene, view, status, *score in values_of(
-        rows[is_kept], "scene", "view", "status", *columns
-    ):
-        kept.setdefault((scene, view), {})[tuple(score)] = status
+    data_of = attrgetter("scene", "view", "options_id", "data_id")
+    columns = ("scene", "view", "options_id", "data_id", "metric", "variant", "code", "status")
+    # the status of each score
+    kept = {values[:-1]: values[-1] for values in values_of(rows[is_kept], *columns)}
+    views = {score[:2] for score in kept}
     codes = [
         (metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs
     ]
-    suffixes = [".png", *([".npz"] if job.save == "full" else [])]
+    suffixes = [".png", ".npz"] if job.save == "full" else [".png"]
 
     def stored_status(base: Row) -> str | None:
-        identity = (base.options_id, base.data_id, base.metric, base.variant, base.code)
-        return kept.get((base.scene, base.view), {}).get(identity)
+        return kept.get((*data_of(base), base.metric, base.variant, base.code))
 
     hashes = {  # a view that failed, and is tried again, may give colours this time
         scene: names_hash(
@@ -420,20 +389,21 @@ def _without_results(
     }
 
     def is_done(task: Task) -> bool:
-        base, scores = task.base, kept.get((task.base.scene, task.base.view), {})
+        base = task.base
         if job.overwrite == "never":
-            return bool(scores)
+            return (base.scene, base.view) in views
         if (status := stored_status(base)) != "ok":
             return status is not None
-        wanted = (
-            (base.options_id, base.data_id, metric.plugin.name, variant, score)
-            for metric, code in codes
-            for score in [score_code(base, code, charts_id(metric.plugin, [task.view]))]
-            for variant in metric.variants
-        )
+        data = data_of(base)
+        for metric, code in codes:
+            score = score_code(base, code, charts_id(metric.plugin, [task.view]))
+            if any(
+                (*data, metric.plugin.name, variant, score) not in kept
+                for variant in metric.variants
+            ):
+                return False
         picture = task.place.restored(job.out, job.method.label)
-        over = hashes.get(base.scene, "")
-        return all(score in scores for score in wanted) and are_stored(picture, suffixes, over)
+        return are_stored(picture, suffixes, hashes.get(base.scene, ""))
 
     return tuple(task for task in every if not is_done(task))
 
@@ -451,7 +421,7 @@ def _made(choice: Choice, out: Path) -> Any:
 
 def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
-    clashes = []
+    clashes = list[str]()
     known = rows[["dataset", "method", "scene", "options_id", "status"]].drop_duplicates()
     by_dataset = known.groupby("dataset")
     methods_of = by_dataset["method"].unique().to_dict()
@@ -465,13 +435,13 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
         methods = methods_of.get(dataset, ())
         for choice, labels in ((job.dataset, methods_of), (job.method, methods)):
             folder = as_one_file(choice.label)
-            for other in sorted(
-                o for o in labels if choice.label not in labels and as_one_file(o) == folder
-            ):
-                clashes.append(
+            if choice.label not in labels:
+                clashes += [
                     f"{job.out}: '{choice.label}' would share a folder with '{other}'; "
                     f"give another {choice.label_option}"
-                )
+                    for other in sorted(labels)
+                    if as_one_file(other) == folder
+                ]
         if job.overwrite == "always":
             continue
         scenes = {results.unreplicated(scene)[0] for scene in scenes_of.get(dataset, ()) if scene}
@@ -480,8 +450,8 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
                 f"{job.out}: its '{dataset}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 f"give another out=... or {job.dataset.label_option}"
             )
-        options_ids = options_of.get(plan.labels)
-        if options_ids and options_ids != {results.fingerprint(job.method.record)[1]}:
+        options_id = results.fingerprint(job.method.record)[1]
+        if options_of.get(plan.labels, {options_id}) != {options_id}:
             clashes.append(
                 f"{job.out}: its '{job.method.label}' has other options; "
                 f"give another {job.method.label_option}, or overwrite=always"
