@@ -31,7 +31,7 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.compute import PeakMemory
-from sucre_bench.machine.files import remove
+from sucre_bench.machine.files import writing
 from sucre_bench.machine.processes import Send, step
 from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
@@ -204,7 +204,8 @@ def _stored_or_restored(
     if is_stored:
         write_full(whole, measured, task.base)
     else:
-        remove(whole)  # of another restoration than the picture that is now beside it
+        with writing(whole):  # it is of another restoration than the picture that is now beside it
+            whole.unlink(missing_ok=True)
     return measured
 
 

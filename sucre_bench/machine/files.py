@@ -3,7 +3,6 @@
 `check_output` and its siblings say what a command may write over, and into which folders.
 """
 
-import contextlib
 import errno
 import functools
 import json
@@ -13,7 +12,7 @@ import stat
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -34,6 +33,8 @@ from sucre_bench.errors import (
 )
 from sucre_bench.machine.processes import interrupts_held_back
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_TOO_MANY = (errno.EMFILE, errno.ENFILE)
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
@@ -97,7 +98,7 @@ def regular(path: Path, remedy: str = "") -> Path:
     return path
 
 
-@contextlib.contextmanager
+@contextmanager
 def reading(path: Path, remedy: str) -> Iterator[None]:
     """Make a FileError of what reading a file in this block raises: damaged bytes raise errors of many kinds."""
     try:
@@ -165,47 +166,46 @@ def write_atomically(path: Path, content: bytes | memoryview) -> None:
         file.write(content)
 
 
-@contextlib.contextmanager
+@contextmanager
 def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     """Yield a file that replaces `path` when this block ends well, and is removed when it does not.
 
     Raises OutputError if the disk is full, the place cannot be written to, or something is there that is no file.
     """
     unfinished = ""
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise OutputError("is a device or a pipe, no file", path, "choose another place")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(path.parent.absolute())
-        with interrupts_held_back():
-            descriptor, unfinished = tempfile.mkstemp(dir=path.parent, prefix=_UNFINISHED)
-        with os.fdopen(descriptor, "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(descriptor)
-            with suppress(PermissionError):
-                # some network disks have other rights; the file is what counts
-                os.fchmod(descriptor, 0o644)
-            Path(unfinished).replace(path)
-    except BaseException as fault:
-        with interrupts_held_back():
-            if unfinished:
-                Path(unfinished).unlink(missing_ok=True)
-        if isinstance(fault, OSError):
-            raise not_writable(path, fault) from fault
-        raise
+    with writing(path):
+        try:
+            if path.exists() and not (path.is_file() or path.is_dir()):
+                raise OutputError("is a device or a pipe, no file", path, "choose another place")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(path.parent.absolute())
+            with interrupts_held_back():
+                descriptor, unfinished = tempfile.mkstemp(dir=path.parent, prefix=_UNFINISHED)
+            with os.fdopen(descriptor, "wb") as file:
+                yield file
+                file.flush()
+                os.fsync(descriptor)
+                with suppress(PermissionError):
+                    # some network disks have other rights; the file is what counts
+                    os.fchmod(descriptor, 0o644)
+                Path(unfinished).replace(path)
+        except BaseException:
+            with interrupts_held_back():
+                if unfinished:
+                    Path(unfinished).unlink(missing_ok=True)
+            raise
 
 
 @functools.cache
 def _remove_leftovers(folder: Path) -> None:
     """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
     for path in folder.glob(f"{_UNFINISHED}*"):
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             if time.time() - path.stat().st_mtime > _DAY_S:
                 path.unlink()
 
 
-@contextlib.contextmanager
+@contextmanager
 def temporary_folder() -> Iterator[Path]:
     """Yield a new folder for temporary files, which is removed at the end, however often this block is interrupted."""
     place = None
@@ -219,24 +219,18 @@ def temporary_folder() -> Iterator[Path]:
                 shutil.rmtree(place, ignore_errors=True)
 
 
-def remove(path: Path) -> None:
-    """Remove a file if it is there. Raises OutputError if that is not allowed."""
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Make an OutputError of an OSError in this block, which writes or removes a file."""
     try:
-        path.unlink(missing_ok=True)
+        yield
     except OSError as fault:
         raise not_writable(path, fault) from fault
 
 
 def is_want_of_room(fault: OSError) -> bool:
     """Whether a file cannot be written because the disk is full or read-only, or too many files are open."""
-    return fault.errno in (
-        errno.ENOSPC,
-        errno.EDQUOT,
-        errno.EROFS,
-        errno.EFBIG,
-        errno.EMFILE,
-        errno.ENFILE,
-    )
+    return fault.errno in (*_FULL, *_TOO_MANY, errno.EROFS, errno.EFBIG)
 
 
 def not_writable(path: Path, fault: OSError) -> OutputError:
@@ -245,11 +239,11 @@ def not_writable(path: Path, fault: OSError) -> OutputError:
         return OutputError(
             "is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`"
         )
-    if fault.errno in (errno.EMFILE, errno.ENFILE):
+    if fault.errno in _TOO_MANY:
         return OutputError(
             "too many files are open", path, "allow more, for example `ulimit -n 1024`"
         )
-    if fault.errno in (errno.ENOSPC, errno.EDQUOT):
+    if fault.errno in _FULL:
         return DiskFullError("the disk is full", path, "free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
         return OutputError("is a file", blocking, "name a folder to write into")
@@ -317,10 +311,9 @@ def check_results_folder(folder: Path) -> None:
     """
     check_links(folder)
     mark = folder / RESULTS_MARK
-    if is_file(mark) and b"sucre_bench" in mark.read_bytes():
-        return
+    is_marked = is_file(mark) and b"sucre_bench" in mark.read_bytes()
     # of a folder that was copied in part, or refused where it is read
-    if is_file(folder / "scores.parquet"):
+    if is_marked or is_file(folder / "scores.parquet"):
         return
     for name in (RESULTS_MARK, "config.yaml", "experiment.yaml"):
         if (folder / name).exists():

@@ -16,7 +16,7 @@ from typing import Any
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.files import is_file, not_writable, read_json, regular, write_atomically
+from sucre_bench.machine.files import is_file, read_json, regular, write_atomically, writing
 
 RECORDS = "records.jsonl"
 _PICTURE = (
@@ -32,15 +32,12 @@ def add_record(folder: Path, picture: Path, record: Mapping[str, Any]) -> None:
     name = picture.relative_to(folder).as_posix()
     line = json.dumps({_PICTURE: name, **record}, allow_nan=False).encode() + b"\n"
     path = folder / RECORDS
-    try:
-        with _locked(folder), path.open("a+b") as file:
-            if file.tell():
-                file.seek(-1, os.SEEK_END)
-                # a killed process has left half a line
-                line = line if file.read(1) == b"\n" else b"\n" + line
-            file.write(line)
-    except OSError as fault:
-        raise not_writable(path, fault) from fault
+    with writing(path), _locked(folder), path.open("a+b") as file:
+        if file.tell():
+            file.seek(-1, os.SEEK_END)
+            # a killed process has left half a line
+            line = line if file.read(1) == b"\n" else b"\n" + line
+        file.write(line)
 
 
 def shorten_records(folder: Path) -> None:
@@ -48,13 +45,10 @@ def shorten_records(folder: Path) -> None:
     path = folder / RECORDS
     if not path.is_file():
         return
-    try:
-        with _locked(folder):
-            newest = list(dict(_lines(path)).values())
-            if path.stat().st_size > 2 * sum(map(len, newest)) + len(newest):
-                write_atomically(path, b"\n".join([*newest, b""]))
-    except OSError as fault:
-        raise not_writable(path, fault) from fault
+    with writing(path), _locked(folder):
+        newest = list(dict(_lines(path)).values())
+        if path.stat().st_size > 2 * sum(map(len, newest)) + len(newest):
+            write_atomically(path, b"\n".join([*newest, b""]))
 
 
 def record_of(file: Path) -> dict[str, Any]:
@@ -95,9 +89,11 @@ def _newest(path: Path) -> Mapping[str, bytes]:
     """The newest line of each picture; the file is read again only if it has changed."""
     found = path.stat()
     state = (found.st_ino, found.st_mtime_ns, found.st_size)
-    if path not in _read or _read[path][0] != state:
-        _read[path] = state, dict(_lines(path))
-    return _read[path][1]
+    read, newest = _read.get(path, (None, {}))
+    if read != state:
+        newest = dict(_lines(path))
+        _read[path] = state, newest
+    return newest
 
 
 def _lines(path: Path) -> Iterator[tuple[str, bytes]]:

@@ -32,7 +32,7 @@ from sucre_bench.errors import (
     in_words,
 )
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.files import not_writable, regular, write_atomically
+from sucre_bench.machine.files import regular, write_atomically, writing
 from sucre_bench.results.rows import (
     COLUMNS,
     KEYS,
@@ -361,9 +361,7 @@ def merge(out: Path) -> DataFrame:
 def _locked(out: Path) -> Iterator[None]:
     """Keep other processes from changing the table of a results folder at the same time."""
     with contextlib.ExitStack() as held:
-        try:
+        with writing(out):
             out.mkdir(parents=True, exist_ok=True)
             held.enter_context(waited_lock(out / f".{TABLE}.lock"))
-        except OSError as fault:
-            raise not_writable(out, fault) from fault
         yield
