@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -89,19 +91,6 @@ class Source:
 
 
 @dataclass(frozen=True)
-class _Restored:
-    """What one method made of a view."""
-
-    whole: Row
-    """The row of the restoration."""
-
-    source: Source
-
-    scores: list[tuple[Row, Scorer]] = field(default_factory=list)
-    """Its scores on own pixels, each with the metric that makes it again."""
-
-
-@dataclass(frozen=True)
 class CommonView:
     """A view that several methods restored, one of them with holes."""
 
@@ -110,14 +99,21 @@ class CommonView:
 
     view: View
 
-    by_method: dict[str, _Restored] = field(default_factory=dict)
+    log: Path | None
+    """Keeps tracebacks."""
+
+    by_method: dict[str, tuple[Row, Source]] = field(default_factory=dict)
+    """The row of each restoration, and what reads it."""
+
+    scores: list[tuple[Row, Scorer]] = field(default_factory=list)
+    """Their scores on own pixels, each with the metric that makes it again."""
 
     def is_due(self, stored: Sequence[Row]) -> bool:
         """Whether methods may fill different pixels, and something has changed since the view was scored.
 
         stored: what the table has about its common pixels.
         """
-        wholes = [restored.whole for restored in self.by_method.values()]
+        wholes = [whole for whole, _ in self.by_method.values()]
         if len(wholes) < 2 or all(whole.coverage == 1 for whole in wholes):
             return False
         row = next((row for row in stored if row.metric == COMMON_PIXELS), None)
@@ -126,34 +122,27 @@ class CommonView:
         is_older = any(whole.time > row.time for whole in wholes)
         if is_older or methods_of(row.options) != self.by_method.keys():
             return True
-        wanted = {
-            _identity(_on_common(score, row.code))
-            for restored in self.by_method.values()
-            for score, _ in restored.scores
-        }
+        wanted = {_identity(_on_common(score, row.code)) for score, _ in self.scores}
         known = {_identity(score) for score in stored if score.status != "failed"}
         return kind_of(row.status, row.code) == "common" and not wanted <= known
 
-    def rows(self, log: Path | None = None, limit_s: float | None = None) -> list[Row]:
-        """Score the view on its common pixels; the first row stands for the view. A fault becomes that row.
-
-        log: keeps tracebacks; limit_s: of one score.
-        """
+    def rows(self) -> list[Row]:
+        """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""
         base = replace(
             self.base, method="", options=json.dumps({"methods": sorted(self.by_method)}), options_id="",
             metric=COMMON_PIXELS, variant=COMMON, unit="share", better="none", code="", value=math.nan, time=now(),
         )  # fmt: skip
         try:
-            return self._scored(base, log, limit_s)
+            return self._scored(base)
         except BaseException as fault:
             raise_if_stop(fault)
             if not isinstance(fault, InputError):
                 where = f"{base.dataset} / {base.scene} / {base.view} / common pixels"
-                keep_traceback(log, where)
+                keep_traceback(self.log, where)
             return [replace(base, status="failed", reason=one_line(fault))]
 
-    def _scored(self, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
-        masks = {method: restored.source.mask() for method, restored in self.by_method.items()}
+    def _scored(self, base: Row) -> list[Row]:
+        masks = {method: source.mask() for method, (_, source) in self.by_method.items()}
         common = common_pixels(masks)
         base = replace(
             base,
@@ -163,29 +152,25 @@ class CommonView:
             code=common.id,
         )
         if common.kind == "none":
-            base = replace(base, status="skipped", reason=Reason.NO_SHARED_PIXELS.value)
+            return [replace(base, status="skipped", reason=Reason.NO_SHARED_PIXELS.value)]
         rows = [base]
-        if common.kind != "common":
+        if common.kind == "equal":
             return rows
-        for restored in self.by_method.values():
-            if not restored.scores:
+        for method, (_, source) in self.by_method.items():
+            of_method = [(row, scorer) for row, scorer in self.scores if row.method == method]
+            if not of_method:
                 continue
-            source = restored.source
             shown = locked(source.shown(common.mask))
             scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
-            for own, scorer in restored.scores:
+            for own, scorer in of_method:
                 own = replace(own, time=started)
-                made = variant_rows(scorer.metric, scored, own, log, limit_s)
+                made = variant_rows(scorer, scored, own)
                 rows += [_on_common(row, common.id) for row in made if row.region == "image"]
         return rows
 
 
-def _key(row: Row) -> ViewKey:
-    return row.dataset, row.scene, row.view
-
-
-def _identity(row: Row) -> tuple[str, str, str, str]:
-    return row.method, row.metric, row.variant, row.code
+_key: Callable[[Row], ViewKey] = attrgetter("dataset", "scene", "view")
+_identity = attrgetter("method", "metric", "variant", "code")
 
 
 def _on_common(row: Row, mask: str) -> Row:
@@ -199,25 +184,28 @@ def _common_views(
     rows: DataFrame,
     metrics: Iterable[Choice],
     source: Callable[[Row], Source | None],
+    log: Path | None = None,
+    limit_s: float | None = None,
 ) -> dict[ViewKey, CommonView]:
     """The views with their restorations and their scores.
 
     views: a row of each view, and the view; rows: of the score table; metrics: those asked for, of one name the last
-    counts; source: what reads a restoration, None for one that takes no part.
+    counts; source: what reads a restoration, None for one that takes no part; log, limit_s: see `Scorer`.
     """
-    made = {key: CommonView(base, view) for key, (base, view) in views.items()}
+    made = {key: CommonView(base, view, log) for key, (base, view) in views.items()}
     for row in row_objects(filled_restorations(rows)):
-        if _key(row) in made and (reads := source(row)) is not None:
-            made[_key(row)].by_method[row.method] = _Restored(row, reads)
+        if _key(row) in made and (reads := source(row)):
+            made[_key(row)].by_method[row.method] = row, reads
     by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
-    versions = {(made.plugin.name, made.code): made for made in scorers(by_name.values())}
+    of_pixels = scorers(by_name.values(), log, limit_s)
+    versions = {(scorer.plugin.name, scorer.code): scorer for scorer in of_pixels}
     is_score = (rows["status"] == "ok") & (rows["region"] == "image")
     for row in row_objects(rows[is_score & rows["metric"].isin(by_name)]):
         # None: the run asks for another version of the metric, or for other options
         scorer = versions.get((row.metric, RowCode.read(row.code).metric))
         view = made.get(_key(row))
         if scorer and view and row.method in view.by_method:
-            view.by_method[row.method].scores.append((row, scorer))
+            view.scores.append((row, scorer))
     return made
 
 
@@ -231,7 +219,8 @@ def score_in_memory(
 
     rows: all scores of one scene; held: restorations by view and label; metrics: those of the rows, by name.
     """
-    by_name, whole = {view.name: view for view in views}, filled_restorations(rows)
+    by_name = {view.name: view for view in views}
+    whole = filled_restorations(rows)
     differing = differing_views(whole)
     chosen = {
         _key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing
@@ -252,28 +241,42 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     """
     rows = results.read(out)
     every = {_key(task.base): task for plan in planned for task in plan.tasks}
-    differing = differing_views(filled_restorations(rows))
-    chosen = {key: (task.base, task.view) for key, task in every.items() if key in differing}
-    if not chosen:
+    differing = differing_views(filled_restorations(rows)) & every.keys()
+    if not differing:
         return
-    metrics = [metric for plan in planned for metric in plan.job.metrics]
-
-    def source(row: Row) -> Source | None:
-        task = every[_key(row)]
-        return Source.stored(out, task.place, row) if row.data_id == task.base.data_id else None
-
-    stored: dict[ViewKey, list[Row]] = {}
+    jobs = [plan.job for plan in planned]
+    limit_s = jobs[0].view_timeout_s
+    chosen = {key: task for key, task in every.items() if key in differing}
+    views = _stored_views(chosen, rows, jobs, lambda _: out, log_path(out), limit_s)
+    stored = defaultdict[ViewKey, list[Row]](list)
     for row in row_objects(read_common(out)):
-        stored.setdefault(_key(row), []).append(row)
-    views = _common_views(chosen, rows, metrics, source)
-    due = [view for key, view in views.items() if view.is_due(stored.get(key, ()))]
-    limit_s = planned[0].job.view_timeout_s
+        stored[_key(row)].append(row)
+    due = [view for key, view in views.items() if view.is_due(stored[key])]
     part = results.Part(out, "common-pixels")
     try:
         for view in progress.track(due, "common pixels"):
-            part.add(view.rows(log_path(out), limit_s))
+            part.add(view.rows())
     finally:
         part.flush()
+
+
+def _stored_views(
+    chosen: Mapping[ViewKey, Task],
+    rows: DataFrame,
+    jobs: Iterable[Job],
+    folder: Callable[[Row], Path],
+    *run: Any,
+) -> dict[ViewKey, CommonView]:
+    """See `_common_views`, of restorations that lie in a folder. One of other data than the view's takes no part."""
+
+    def source(row: Row) -> Source | None:
+        task = chosen[_key(row)]
+        is_of_data = row.data_id == task.base.data_id
+        return Source.stored(folder(row), task.place, row) if is_of_data else None
+
+    metrics = [metric for job in jobs for metric in job.metrics]
+    views = {key: (task.base, task.view) for key, task in chosen.items()}
+    return _common_views(views, rows, metrics, source, *run)
 
 
 def score_folders(rows: DataFrame) -> DataFrame:
@@ -284,9 +287,9 @@ def score_folders(rows: DataFrame) -> DataFrame:
     """
     rows = rows[is_fresh(rows)]
     whole = filled_restorations(rows)
-    folders: dict[ViewKey, dict[str, Path]] = {}  # of each view, by method
-    for dataset, scene, view_name, method, place in values_of(whole, *KEYS, "_folder"):
-        folders.setdefault((dataset, scene, view_name), {})[method] = Path(place)
+    folders = defaultdict[ViewKey, dict[str, Path]](dict)  # of each view, by method
+    for *key, method, place in values_of(whole, *KEYS, "_folder"):
+        folders[tuple(key)][method] = Path(place)
     wanted = {
         key
         for key in differing_views(whole)
@@ -301,18 +304,9 @@ def score_folders(rows: DataFrame) -> DataFrame:
     with opening_once():
         for job in reversed(jobs):
             with suppress(SucreBenchError):  # its data cannot be opened
-                every = list(tasks(job, open_scenes(job.dataset)))
-                opened |= {key: task for task in every if (key := _key(task.base)) in wanted}
-
-    def source(row: Row) -> Source | None:
-        key = _key(row)
-        task = opened[key]
-        folder = folders[key][row.method]
-        return Source.stored(folder, task.place, row) if row.data_id == task.base.data_id else None
-
-    metrics = [metric for job in jobs for metric in job.metrics]
-    chosen = {key: (task.base, task.view) for key, task in opened.items()}
-    views = _common_views(chosen, rows, metrics, source)
+                of_job = {_key(task.base): task for task in tasks(job, open_scenes(job.dataset))}
+                opened |= {key: task for key, task in of_job.items() if key in wanted}
+    views = _stored_views(opened, rows, jobs, lambda row: folders[_key(row)][row.method])
     complete = [view for key, view in views.items() if len(view.by_method) == len(folders[key])]
     return results.frame(
         row for view in progress.track(complete, "common pixels") for row in view.rows()

@@ -60,10 +60,9 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     try:
         at = f"the start of method '{job.method.label}'"
         with step(at), typed_before(job.method.always_typed):
-            method, metrics = (
-                job.method.make(),
-                scorers(m for m in job.metrics if not m.plugin.is_of_pairs),
-            )
+            method = job.method.make()
+            of_views = [metric for metric in job.metrics if not metric.plugin.is_of_pairs]
+            metrics = scorers(of_views, log_path(job.out), job.view_timeout_s)
             make_ready(method)
     except BaseException as fault:
         send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
@@ -86,11 +85,8 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 if scene not in scenes and (over := planned.shown_over.get(scene)):
                     scenes[scene] = _SceneColours.of(job, method, over)
                 timed = replace(task, base=replace(task.base, time=now()))
-                send(
-                    "rows",
-                    place,
-                    _restored_and_scored(job, method, metrics, timed, scenes.get(scene)),
-                )
+                rows = _restored_and_scored(job, method, metrics, timed, scenes.get(scene))
+                send("rows", place, rows)
                 if not _can_open_files():
                     return
 
@@ -130,20 +126,17 @@ def measured_restore(
         started = time.perf_counter()
         restoration = checked_restore(method, scene, view, word)
         seconds = time.perf_counter() - started
-    info = restoration.info
-    took = (
-        float(info.get(name, measured))
-        for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb))
-    )
+    took = {"seconds": seconds, "peak_mb": memory.peak_mb}
+    took |= {name: float(restoration.info[name]) for name in took.keys() & restoration.info.keys()}
     restoration = restoration_in_srgb(restoration, view) if in_srgb else restoration
-    return Measured(with_truth(restoration, scene, view), *took)
+    return Measured(with_truth(restoration, scene, view), **took)
 
 
 def _restored_and_scored(
     job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None
 ) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
-    view, log = task.view, log_path(job.out)
+    view = task.view
     # its colours are among them, so it is restored already
     decides = over is not None and view.name in over.views
     try:
@@ -151,28 +144,22 @@ def _restored_and_scored(
             afresh = job.overwrite == "always" and not decides
             measured = _stored_or_restored(job, method, task, afresh, job.save == "full")
             write_view(job.out, task.place, view_in_srgb(view))
+            restoration = measured.restoration
             colours = over.colours if over and over.colours.size else None
-            shown, filled = displayed(
-                measured.restoration, job.method.display, view.encoding, colours
-            )
+            shown, filled = displayed(restoration, job.method.display, view.encoding, colours)
             look = (job.bits, over.hash if over else "")
-            write_pictures(
-                job.out, task.place, job.method.label, measured.restoration, shown, filled, *look
-            )
+            write_pictures(job.out, task.place, job.method.label, restoration, shown, filled, *look)
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
-            return score_rows(
-                measured.restoration, shown, view, metrics, base, log, job.view_timeout_s
-            )
+            return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
         raise_if_stop(fault)
-        if _can_open_files():
-            if isinstance(fault, OutputError):
-                raise
-            return [row_of_fault(task.base, fault, log, is_said=True)]
-        no_files = PluginError(
-            "no file can be opened after it; see that the method closes its files"
-        )
-        return [row_of_fault(task.base, no_files, log, is_said=True)]
+        told = fault
+        if not _can_open_files():
+            remedy = "see that the method closes its files"
+            told = PluginError("no file can be opened after it", remedy=remedy)
+        elif isinstance(fault, OutputError):
+            raise
+        return [row_of_fault(task.base, told, log_path(job.out), is_said=True)]
 
 
 def _stored_or_restored(

@@ -7,10 +7,9 @@ on stderr, and the traceback in the log.
 from __future__ import annotations
 
 import functools
-import hashlib
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,28 +24,55 @@ from sucre_bench.imaging.colour_profiles import view_in_srgb
 from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
-from sucre_bench.machine.text_formats import keep_traceback
+from sucre_bench.machine.text_formats import keep_traceback, short_hash
 from sucre_bench.plugins.options import Choice, source_hash
-from sucre_bench.plugins.plugin import Metric, Plugin
+from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly
 from sucre_bench.results.rows import RESTORATION, Row, RowCode, Status, fingerprint
-from sucre_bench.scene import Restoration, View
+from sucre_bench.scene import Restoration, Score, View
 
 
 @dataclass(frozen=True)
 class Scorer:
-    """A metric that is made once for all views of a job, a `Metric` or a `PairMetric`. code: see `metric_code`."""
+    """A metric that is made once for all views of a job, a `Metric` or a `PairMetric`.
+
+    code: see `metric_code`; log: keeps tracebacks; limit_s: how long a score may take.
+    """
 
     plugin: Plugin
     variants: tuple[str, ...]
     metric: Any
     code: str
+    log: Path | None = None
+    limit_s: float | None = None
+
+    def scores(
+        self, base: Row, on: str, score: Callable[..., Iterable[Score]], *scored: Any
+    ) -> list[Score]:
+        """Return what a function of the metric gives, which is called at a step of its own.
+
+        base: what the rows say of metric, variant and method; on: the views, as the step names them.
+        """
+        at = f"metric '{base.metric}:{base.variant}' on {on} by method '{base.method}'"
+        with step(at, self.limit_s):
+            scores = list(score(*scored))
+            for region, n in Counter(score.region for score in scores).items():
+                if n > 1:  # a table can hold one
+                    raise PluginError(
+                        f"two scores of region '{region}'",
+                        remedy="yield one score for each region",
+                    )
+        return scores
 
 
-def scorers(metrics: Iterable[Choice]) -> tuple[Scorer, ...]:
-    """Make the metrics. Raises InputError if an option is not acceptable."""
-    return tuple(Scorer(m.plugin, m.variants, m.make(), metric_code(m)) for m in metrics)
+def scorers(
+    metrics: Iterable[Choice], log: Path | None = None, limit_s: float | None = None
+) -> tuple[Scorer, ...]:
+    """Make the metrics. Raises InputError if an option is not acceptable. log, limit_s: see `Scorer`."""
+    return tuple(
+        Scorer(m.plugin, m.variants, m.make(), metric_code(m), log, limit_s) for m in metrics
+    )
 
 
 def score_rows(
@@ -55,13 +81,11 @@ def score_rows(
     view: View,
     metrics: Iterable[Scorer],
     base: Row,
-    log: Path | None = None,
-    limit_s: float | None = None,
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
     restoration: in sRGB, see `colour_profiles`; shown: the restored image; base: what the rows say of view, method,
-    options, code, data, seconds and memory; log: keeps tracebacks; limit_s: how long a score may take.
+    options, code, data, seconds and memory.
     """
     valid = restoration.valid
     base = replace(
@@ -99,7 +123,7 @@ def score_rows(
             if absent:
                 rows.append(row_without_value(row, "skipped", absent))
             else:
-                rows += variant_rows(scorer.metric, scored, row, log, limit_s)
+                rows += variant_rows(scorer, scored, row)
     return rows
 
 
@@ -149,36 +173,31 @@ def charts_id(plugin: Plugin, views: Iterable[View]) -> str:
         for view in views
         for c in view.charts
     ]
-    return hashlib.blake2b(repr(charts).encode(), digest_size=6).hexdigest() if charts else ""
+    return short_hash(repr(charts)) if charts else ""
 
 
-def variant_rows(
-    metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None
-) -> list[Row]:
+def variant_rows(scorer: Scorer, scored: Scored, base: Row) -> list[Row]:
     """Return the rows of one metric in one variant; a row with the reason if there is no score.
 
-    base: what the rows say of view, method, metric and variant; log: keeps tracebacks; limit_s: how long a score may
-    take.
+    base: what the rows say of view, method, metric and variant.
     """
-    at = f"metric '{base.metric}:{base.variant}' on view '{base.view}' by method '{base.method}'"
     try:
-        variant, form = split_variant(base.variant) if "@" in base.variant else (base.variant, None)
+        variant, form = split_variant(base.variant)
         of = scored.at(form) if form else scored
         share = scored.share if form else 1.0  # in another form holes are black pixels
-        with step(at, limit_s):
-            rows = [
-                replace(
-                    base,
-                    value=float(s.value),
-                    region=s.region,
-                    n_pixels=int(s.n_pixels),
-                    coverage=s.coverage * share,
-                )
-                for s in metric.score(of.restoration, of.shown, of.view, variant)
-            ]
-            check_regions(row.region for row in rows)
+        what = (of.restoration, of.shown, of.view, variant)
+        rows = [
+            replace(
+                base,
+                value=float(s.value),
+                region=s.region,
+                n_pixels=int(s.n_pixels),
+                coverage=s.coverage * share,
+            )
+            for s in scorer.scores(base, f"view '{base.view}'", scorer.metric.score, *what)
+        ]
     except BaseException as fault:
-        return [row_of_fault(base, fault, log)]
+        return [row_of_fault(base, fault, scorer.log)]
     rows = [
         row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row
         for row in rows
@@ -186,35 +205,19 @@ def variant_rows(
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
 
 
-def check_regions(regions: Iterable[str]) -> None:
-    """Raise PluginError if a metric gives a region two scores in one variant, of which a table can hold one."""
-    if regions_twice := [region for region, n in Counter(regions).items() if n > 1]:
-        raise PluginError(
-            f"two scores of region '{regions_twice[0]}'", remedy="yield one score for each region"
-        )
-
-
-def needs_unrounded(
-    scorer: Scorer, picture: Restoration, view: View, limit_s: float | None = None
-) -> bool:
+def needs_unrounded(scorer: Scorer, picture: Restoration, view: View) -> bool:
     """Return whether scores change with the restoration while the restored image stays, or the metric fails.
 
-    A bundle has only the restored image. picture: its image is that; limit_s: how long a score may take.
+    A bundle has only the restored image. picture: its image is that.
     """
-
-    def made(image: Array) -> list[Row]:
-        return score_rows(
-            replace(picture, image=image), picture.image, view, [scorer], Row(), limit_s=limit_s
-        )
-
-    one, two = made(picture.image), made(picture.image - np.float32(0.5))
-    first, second = ([row.value for row in rows] for rows in (one, two))
-    is_failed = any(row.status == "failed" for row in (*one, *two))
-    return (
-        is_failed
-        or len(one) != len(two)
-        or not np.allclose(first, second, rtol=1e-9, atol=0, equal_nan=True)
+    one, two = (
+        score_rows(replace(picture, image=image), picture.image, view, [scorer], Row())
+        for image in (picture.image, picture.image - np.float32(0.5))
     )
+    if len(one) != len(two) or any(row.status == "failed" for row in one + two):
+        return True
+    first, second = ([row.value for row in rows] for rows in (one, two))
+    return not np.allclose(first, second, rtol=1e-9, atol=0, equal_nan=True)
 
 
 def row_without_value(base: Row, status: Status, reason: str) -> Row:
@@ -229,19 +232,11 @@ def row_of_fault(base: Row, fault: BaseException, log: Path | None, is_said: boo
     """
     if isinstance(fault, NotApplicableError):
         return row_without_value(base, "skipped", one_line(fault))
+    raise_if_stop(fault)
     metric = "" if base.metric == RESTORATION else f"{base.metric}:{base.variant}"
     where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
-    reason = kept_reason(fault, log, where)
+    reason = one_line(fault)
+    keep_traceback(log, where)
     if is_said:
         progress.say(f"failed  {where}: {reason}", is_fault=True)
     return row_without_value(base, "failed", reason)
-
-
-def kept_reason(fault: BaseException, log: Path | None, where: str) -> str:
-    """Return the reason of a failure that is being handled; its traceback goes to `log`, under `where`.
-
-    A request to stop is raised again.
-    """
-    raise_if_stop(fault)
-    keep_traceback(log, where)
-    return one_line(fault)

@@ -122,7 +122,7 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
     reference.
     """
     try:
-        (scorer,) = scorers(metric_choices([f"{metric}:{variant}"]))
+        (scorer,) = scorers(metric_choices([f"{metric}:{variant}"]), limit_s=_LIMIT_S)
     except ANY_FAULT:
         return False
     if plugins.missing_needs(scorer.plugin, _HAS):
@@ -131,7 +131,7 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
     view = View(
         "a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1])
     )
-    changes = partial(needs_unrounded, scorer, Restoration(rgb), view, _LIMIT_S)
+    changes = partial(needs_unrounded, scorer, Restoration(rgb), view)
     try:
         return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
     except PluginError:
