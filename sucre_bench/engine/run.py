@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame, evenly
@@ -28,7 +29,7 @@ from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
-from sucre_bench.results.rows import restoration_rows, row_objects, values_of
+from sucre_bench.results.rows import KEYS, restoration_rows, restorations, tuples, values_of
 from sucre_bench.results.table import read_common
 
 _MOST_VIEWS = 50  # whose records are read, evenly chosen
@@ -70,8 +71,8 @@ class Outcome:
     stored: DataFrame
     """The same, each score on its method's own pixels, as it is stored."""
 
-    requested: frozenset[tuple[str, str, str, str]]
-    """Dataset, method, scene and view of each requested restoration."""
+    requested_rows: DataFrame
+    """Those of `rows` of the requested restorations."""
 
     # Labels, in the order of the command.
     datasets: tuple[str, ...]
@@ -101,12 +102,6 @@ class Outcome:
     def out(self) -> Path:
         """The results folder."""
         return self.job.out
-
-    @property
-    def requested_rows(self) -> DataFrame:
-        """Those of `rows` of the requested restorations."""
-        keys = values_of(self.rows, "dataset", "method", "scene", "view")
-        return self.rows.loc[[key in self.requested for key in keys]].reset_index(drop=True)
 
     @property
     def exit_code(self) -> int:
@@ -176,14 +171,12 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     """Write environment.json, config.yaml and experiment.yaml."""
     first = command.jobs[0]
-    data: dict[str, set[str]] = {}
+    data = defaultdict[str, set[str]](set)
     for plan in planned:
-        data.setdefault(plan.job.dataset.label, set()).update(
-            task.base.data_id for task in plan.tasks
-        )
+        data[plan.job.dataset.label] |= {task.base.data_id for task in plan.tasks}
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     ids = {label: ",".join(sorted(ids)) for label, ids in data.items()}
-    provenance.write(first.out / RESULTS_MARK, provenance.environment(words, first.seed, ids))
+    provenance.write(first.out / RESULTS_MARK, words, first.seed, ids)
     text = config_text(command.jobs, command.words, command.is_sweep)
     write_atomically(first.out / CONFIG, masked(text).encode())
     record_experiment(command.jobs)
@@ -199,11 +192,8 @@ def _run_jobs(
     if launch is None:
         run_jobs(planned, command.jobs[0].workers, watch.begins)
         return True
-    waiting = [
-        (plan.job, words)
-        for plan, words in zip(planned, command.overrides, strict=True)
-        if plan.todo
-    ]
+    each = zip(planned, command.overrides, strict=True)
+    waiting = [(plan, words) for plan, words in each if plan.todo]
     try:
         reasons = launch([words for _, words in waiting]) if waiting else ()
     except DiskFullError:
@@ -213,15 +203,15 @@ def _run_jobs(
         reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
         progress.say(f"failed  the launcher: {reason}", is_fault=True)
         return False
-    lost: dict[tuple[str, str], list[tuple[Job, str]]] = {}
-    for (job, _), reason in zip(waiting, reasons, strict=True):
+    lost = defaultdict[tuple[str, str], list[tuple[Job, str]]](list)
+    for (plan, _), reason in zip(waiting, reasons, strict=True):
         if reason:
-            lost.setdefault((job.dataset.label, job.method.label), []).append((job, reason))
-    for (dataset, method), ((job, reason), *others) in lost.items():
-        more = f"; and {len(others)} more of its jobs" if others else ""
-        progress.say(f"failed  {dataset} / {method}: {reason}{more}", is_fault=True)
-        row = row_without_value(base_row(job), "failed", reason + more)
-        results.write_rows(job.out, file_name(f"{dataset}-{method}"), [row])
+            lost[plan.labels].append((plan.job, reason))
+    for labels, ((job, reason), *others) in lost.items():
+        reason += f"; and {len(others)} more of its jobs" if others else ""
+        progress.say(f"failed  {' / '.join(labels)}: {reason}", is_fault=True)
+        row = row_without_value(base_row(job), "failed", reason)
+        results.write_rows(job.out, file_name("-".join(labels)), [row])
     return True
 
 
@@ -239,20 +229,22 @@ def _remove_shared(command: Command) -> None:
             pairs_path(job.out).rmdir()
 
 
-_KEYS = ("dataset", "method", "scene", "view")
+def _ends(
+    rows: DataFrame, planned: Sequence[Planned], missing: str
+) -> Iterator[tuple[str, bool, Fault]]:
+    """Yield of each requested restoration the status, whether it was stored, and the reason.
 
-
-def _ends(rows: DataFrame, planned: Sequence[Planned]) -> Iterator[tuple[str, bool, Fault]]:
-    """Yield of each requested restoration the status, "missing" for none, whether it was stored, and the reason."""
-    states = {
-        key[:4]: key[4:]
-        for key in values_of(restoration_rows(rows), *_KEYS, "status", "reason", "time")
-    }
+    missing: the status of one that has no row.
+    """
+    restored = restoration_rows(rows)
+    keys = ("dataset", "method", "scene", "view")
+    told = values_of(restored, *keys, "status", "reason", "time")
+    states = {state[:4]: state[4:] for state in told}
     for plan in planned:
         todo = {id(task) for task in plan.todo}
         for task in plan.tasks:
             is_cached = id(task) not in todo
-            status, reason = "missing", "did not finish"
+            status, reason = missing, "did not finish"
             # what became of the whole job, unless there is more of the view
             for name in (("", ""), (task.base.scene, task.view.name)):
                 state = states.get((*plan.labels, *name))
@@ -267,72 +259,84 @@ def _on_pixels(rows: DataFrame, out: Path) -> DataFrame:
     return compare.on_pixels(rows, read_common(out) if has_common else results.frame([]))
 
 
+def _of(rows: DataFrame, restorations: Container[tuple[str, ...]]) -> DataFrame:
+    """The rows of some restorations, each given by dataset, scene, view and method."""
+    is_of = [key in restorations for key in values_of(rows, *KEYS)]
+    return rows.loc[is_of].reset_index(drop=True)
+
+
+def _counted(
+    job: Job,
+    labels: Iterable[tuple[str, ...]],
+    ends: Sequence[tuple[str, bool, Fault]],
+    **more: Any,
+) -> Outcome:
+    """The outcome of jobs. labels: of their datasets and methods; ends: see `_ends`."""
+    datasets, methods = dict[str, None](), dict[str, None]()  # each once, in this order
+    for dataset, method in labels:
+        datasets[dataset] = methods[method] = None
+
+    def faults(wanted: str) -> tuple[Fault, ...]:
+        return tuple(fault for status, _, fault in ends if status == wanted)
+
+    return Outcome(
+        datasets=tuple(datasets),
+        methods=tuple(methods),
+        job=job,
+        ok=len(faults("ok")),
+        cached=sum(is_cached for status, is_cached, _ in ends if status == "ok"),
+        failed=faults("failed"),
+        skipped=faults("skipped"),
+        **more,
+    )
+
+
 def _outcome(
     rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool
 ) -> Outcome:
     """Count what became of the requested restorations and scores. rows: the table after the run."""
-    ends = list(_ends(rows, planned))
-    lost = ("failed",) if interrupted else ("failed", "missing")
-    metrics: dict[tuple[str, str, str, str], set[str]] = {}  # of each requested restoration
+    metrics = defaultdict[tuple[str, ...], set[str]](set)  # of each requested restoration
     for plan in planned:
         names = {metric.plugin.name for metric in plan.job.metrics}
         for task in plan.tasks:
-            key = (*plan.labels, task.base.scene, task.view.name)
-            metrics.setdefault(key, set()).update(names)
+            metrics[plan.labels[0], task.base.scene, task.view.name, plan.labels[1]] |= names
     first = planned[0].job
     scores = _on_pixels(rows, first.out)
-    restored = restoration_rows(rows)
-    is_requested = [
-        row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *_KEYS, "status")
-    ]
-    restored = restored.loc[is_requested]
-    is_of_request = [
-        row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *_KEYS, "metric")
-    ]
-    of_request = scores.loc[is_of_request]
-    return Outcome(
+    requested = _of(scores, metrics)
+    is_asked = [name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")]
+    asked = requested.loc[is_asked]
+    failed = tuples(asked[asked["status"] == "failed"])
+    return _counted(
+        first,
+        [plan.labels for plan in planned],
+        list(_ends(rows, planned, "missing" if interrupted else "failed")),
         rows=scores,
         stored=rows,
-        requested=frozenset(metrics),
-        datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
-        methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
-        job=first,
-        ok=sum(status == "ok" for status, _, _ in ends),
-        cached=sum(status == "ok" and is_cached for status, is_cached, _ in ends),
-        failed=tuple(fault for status, _, fault in ends if status in lost),
-        skipped=tuple(fault for status, _, fault in ends if status == "skipped"),
+        requested_rows=requested,
         scores_failed=tuple(
-            Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)
-            for r in of_request[of_request["status"] == "failed"].itertuples()
+            Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason) for r in failed
         ),
         interrupted=interrupted,
         crashed=crashed,
-        nothing_scored=any(metrics.values()) and not (of_request["status"] == "ok").any(),
-        hints=tuple(_hints(planned, restored, first.out)),
+        nothing_scored=any(metrics.values()) and not (asked["status"] == "ok").any(),
+        hints=tuple(_hints(planned, _of(restorations(rows), metrics), first.out)),
     )
 
 
 def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
     """Return the outcome of jobs that another sweeper chose. rows: the table after them; fresh: the rows of them."""
     restored = restoration_rows(fresh)
-
-    def faults(status: results.Status) -> tuple[Fault, ...]:
-        of_status = restored[restored["status"] == status].itertuples()
-        return tuple(
-            Fault(f"{row.dataset} / {row.method}", row.view, row.reason) for row in of_status
-        )
-
     scores = _on_pixels(rows, job.out)
-    return Outcome(
+    return _counted(
+        job,
+        values_of(restored, "dataset", "method"),
+        [
+            (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
+            for row in tuples(restored)
+        ],
         rows=scores,
         stored=rows,
-        requested=frozenset(values_of(restored, "dataset", "method", "scene", "view")),
-        datasets=tuple(dict.fromkeys(restored["dataset"])),
-        methods=tuple(dict.fromkeys(restored["method"])),
-        job=job,
-        ok=int((restored["status"] == "ok").sum()),
-        failed=faults("failed"),
-        skipped=faults("skipped"),
+        requested_rows=_of(scores, set(values_of(restored, *KEYS))),
         nothing_scored=not (fresh["status"] == "ok").any(),
     )
 
@@ -342,14 +346,12 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
 
     restored: the rows of restored views. Hints that differ by numbers alone are one.
     """
-    for name, plan in {plan.name: plan for plan in planned}.items():
-        job = plan.job
-        rows = restored[
-            (restored["dataset"] == job.dataset.label) & (restored["method"] == job.method.label)
-        ]
+    by_labels = dict(iter(restored.groupby(["dataset", "method"])))
+    for labels in dict.fromkeys(plan.labels for plan in planned):
+        rows = by_labels.get(labels, restored[:0])
         rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
         kinds, first = Counter[str](), dict[str, str]()
-        for row in row_objects(rows):
+        for row in tuples(rows):
             try:
                 found = read_record(row, out).get("hints", ())
             except InputError:  # damaged; the picture may be whole
@@ -359,4 +361,4 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
             first = of_view | first
         if kinds:
             kind, n_views = kinds.most_common(1)[0]
-            yield Hint(name, n_views, len(rows), first[kind])
+            yield Hint(" / ".join(labels), n_views, len(rows), first[kind])

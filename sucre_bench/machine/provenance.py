@@ -27,7 +27,7 @@ from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import read_json, write_atomically
-from sucre_bench.machine.text_formats import masked
+from sucre_bench.machine.text_formats import masked, short_hash
 
 # Import name -> name in the package index, where the two differ.
 _PACKAGE = {
@@ -136,8 +136,11 @@ def load(place: str, package: str) -> Any:
 # -- environment.json ----------------------------------------------------------------------------------------
 
 
-def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
-    """Return command, versions, source commit, data and machine of a run. data: dataset label -> data_id."""
+def write(path: Path, command: list[str], seed: int, data: dict[str, str]) -> None:
+    """Write command, versions, source commit, data and machine of a run as JSON, without passwords.
+
+    data: dataset label -> data_id.
+    """
     import psutil
 
     commit, dirty = source_commit()
@@ -147,7 +150,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
         processor = next(
             (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), ""
         )
-    return {
+    content = {
         "command": command,
         "sucre_bench": version_of("sucre-bench"),
         "git_commit": commit,
@@ -164,6 +167,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
             "gpu": gpu(),
         },
     }
+    write_atomically(path, (masked(json.dumps(content, indent=2)) + "\n").encode())
 
 
 @functools.cache  # the code of this process is that of its start
@@ -196,21 +200,13 @@ def _output(*command: str) -> str | None:
         return None
 
 
-def write(path: Path, content: dict[str, Any]) -> None:
-    """Write an environment as JSON, without passwords."""
-    write_atomically(path, (masked(json.dumps(content, indent=2)) + "\n").encode())
-
-
-# What `environment` returns: the page reads all of it.
-_TEXTS = Mapping[str, str]
+# What `write` writes: the page reads all of it.
 _TYPES: dict[str, Any] = {
     "command": list[str],
     "seed": int,
     "python": str,
-    "data": _TEXTS,
-    "packages": _TEXTS,
-}
-_TYPES |= {
+    "data": Mapping[str, str],
+    "packages": Mapping[str, str],
     "sucre_bench": str | None,
     "git_commit": str | None,
     "git_dirty": bool | None,
@@ -268,7 +264,7 @@ def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: objec
     ]
     code = {digest for place in (*numerics, *places) for digest in _digests(place)}
     made_of = (sorted(code), version_of("sucre-bench"), versions, more)
-    return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
+    return short_hash(repr(made_of))
 
 
 @functools.cache  # the code of this process is that of its start
