@@ -8,7 +8,7 @@ a step, another worker goes on: it gives that step's view or score a row with th
 from __future__ import annotations
 
 import importlib
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
@@ -133,30 +133,34 @@ class _Job:
     """
 
     def __init__(self, planned: Planned, begins: Callable[[Job], None]) -> None:
-        self.planned, self.name = planned, planned.name
         self._begins = begins
-        self.left = self._groups()
+        self._plan(planned)
         self.faults: dict[str, Exception] = {}
-        self.n_ready, self.is_full, self.is_given_up = 0, False, False
+        self.n_ready = 0
+        self.is_full = self.is_given_up = False
         self.after_view: list[Callable[[], None]] = []
         job = planned.job
         self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
         self._shown = ExitStack()
 
-    def _groups(self) -> deque[tuple[int, ...]]:
-        """The views to do, in the groups that a worker gets whole."""
-        groups: dict[Any, list[int]] = {}
-        for place, task in enumerate(self.planned.todo):
-            groups.setdefault(task.base.scene if self.planned.by_scene else place, []).append(place)
-        return deque(map(tuple, groups.values()))
+    def _plan(self, planned: Planned) -> None:
+        self.planned = planned
+        self.left = deque(self._groups(range(len(planned.todo))))
+
+    def _groups(self, places: Iterable[int]) -> list[list[int]]:
+        """Views to do, in the groups that a worker gets whole."""
+        groups = defaultdict[Any, list[int]](list)
+        for place in places:
+            whole = self.planned.todo[place].base.scene if self.planned.by_scene else place
+            groups[whole].append(place)
+        return [*groups.values()]
 
     def begin(self) -> None:
         """Show the progress, and say that it begins."""
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
             # an earlier job has made files that it reads
-            self.planned = planned_again(self.planned)
-            self.left = self._groups()
+            self._plan(planned_again(self.planned))
         n_views = len(self.planned.todo)
         line = progress.line(f"{job.method.label} on {job.dataset.label}", n_views)
         self.after_view.append(self._shown.enter_context(line))
@@ -179,27 +183,22 @@ class _Job:
             # for want of memory, say: the other workers do its share
             self.is_full = True
         elif kind == "unfit":
-            if values[0].status == "failed":
-                progress.say(f"failed  {self.name}: {values[0].reason}", is_fault=True)
-            for place in (place for group in self.left for place in group):
-                self._keep_fault(place, values[0])
-            self.left.clear()
+            (row,) = values
+            if row.status == "failed":
+                progress.say(f"failed  {self.planned.name}: {row.reason}", is_fault=True)
+            while self.left:
+                for place in self.left.popleft():
+                    base = self.planned.todo[place].base
+                    of_view = {"scene": base.scene, "view": base.view, "data_id": base.data_id}
+                    self._keep([replace(row, code=base.code, **of_view)])
         elif kind == "rows" and values[0] in given:
             given.remove(values[0])
             self._keep(values[1])
 
     def fail(self, place: int, fault: Exception) -> None:
         """Give a view a row with the reason."""
-        row = row_of_fault(
-            self.planned.todo[place].base, fault, log_path(self.planned.job.out), is_said=True
-        )
-        self._keep_fault(place, row)
-
-    def _keep_fault(self, place: int, row: Row) -> None:
         base = self.planned.todo[place].base
-        self._keep(
-            [replace(row, scene=base.scene, view=base.view, data_id=base.data_id, code=base.code)]
-        )
+        self._keep([row_of_fault(base, fault, log_path(self.planned.job.out), is_said=True)])
 
     def _keep(self, rows: Sequence[Row]) -> None:
         self._part.add(rows)
@@ -213,12 +212,7 @@ class _Job:
     def give_back(self, places: list[int]) -> None:
         """Take back views that a worker had and did not do."""
         if not self.is_given_up:
-            groups = (
-                [tuple(places)]
-                if self.planned.by_scene and places
-                else [(place,) for place in places]
-            )
-            self.left.extendleft(reversed(groups))
+            self.left.extendleft(reversed(self._groups(places)))
         places.clear()
 
     @contextmanager
@@ -230,7 +224,7 @@ class _Job:
             raise
         except SucreBenchError as fault:
             if not self.is_given_up:
-                progress.say(f"failed  {self.name}: {fault}", is_fault=True)
+                progress.say(f"failed  {self.planned.name}: {fault}", is_fault=True)
             self.is_given_up = True
             self.left.clear()
 
@@ -255,7 +249,7 @@ class _Worker:
         job, process = self.job, self.process
         self._note(process.receive())
         if process.has_ended or process.is_late:
-            step, fault = process.step, _fault_of(process, job.name)
+            step, fault = process.step, _fault_of(process, job.planned.name)
             self._note(process.stop())
             job.n_ready -= self._is_ready
             if fault and step in self.leaves_out:
@@ -273,7 +267,7 @@ class _Worker:
             process.give(self.given.copy())
         return True
 
-    def stop(self) -> None:
+    def end(self) -> None:
         """Stop, and keep the rows that are there. Raises OutputError."""
         self._note(self.process.stop())
 
@@ -304,7 +298,7 @@ def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
                 if not goes_on or worker.job.is_given_up:
                     workers.remove(worker)
                     with worker.job.giving_up():
-                        worker.stop()
+                        worker.end()
             for job in tuple(at_work):
                 with job.giving_up():
                     job.flush()
@@ -315,7 +309,7 @@ def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
     finally:
         for worker in workers:
             worker.process.ask_to_stop()
-        for end in (*(worker.stop for worker in workers), *(job.end for job in at_work)):
+        for end in (*(worker.end for worker in workers), *(job.end for job in at_work)):
             with suppress(SucreBenchError):
                 end()
 
