@@ -1,14 +1,13 @@
 """The forecast of a command: its jobs and views, and how long they will take, from the stored views of each method."""
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sucre_bench import results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.engine.preflight import Planned, check
-from sucre_bench.errors import MissingFileError
+from sucre_bench.engine.preflight import Planned, check, stored_rows
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.machine import progress
 from sucre_bench.results.rows import restorations
@@ -34,21 +33,21 @@ def forecast(overrides: Sequence[str], multirun: bool) -> list[Expected]:
     with progress.live():
         command = compose_jobs.jobs(list(overrides), multirun)
         planned = check(command)
-    try:
-        rows = restorations(results.read(command.jobs[0].out))
-    except MissingFileError:
-        rows = results.frame([])
+    rows = restorations(stored_rows(command.jobs[0]))
     stored = dict(iter(rows.groupby(["dataset", "method", "options_id"])))
-    found: dict[tuple[str, str], Expected] = {}
+    by_labels = defaultdict[tuple[str, str], list[Planned]](list)
     for plan in planned:
-        key = plan.labels
-        n_views, n_stored = len(plan.tasks), len(plan.tasks) - len(plan.todo)
-        so_far = found.get(key, Expected(*key, 0, 0, 0, 0.0))
-        seconds = so_far.seconds + _seconds(plan, stored)
-        found[key] = Expected(
-            *key, so_far.jobs + 1, so_far.views + n_views, so_far.stored + n_stored, seconds
+        by_labels[plan.labels].append(plan)
+    return [
+        Expected(
+            *labels,
+            jobs=len(plans),
+            views=sum(len(plan.tasks) for plan in plans),
+            stored=sum(len(plan.tasks) - len(plan.todo) for plan in plans),
+            seconds=sum(_seconds(plan, stored) for plan in plans),
         )
-    return list(found.values())
+        for labels, plans in by_labels.items()
+    ]
 
 
 def _seconds(plan: Planned, stored: Mapping[Any, DataFrame]) -> float:
