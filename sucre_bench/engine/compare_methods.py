@@ -101,10 +101,9 @@ class Compared:
         return as_text([without_costs(found)], how) if found else "no scores"
 
     def __repr__(self) -> str:
-        found = self.comparison
-        return (
-            terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH) if found else "no scores"
-        )
+        if (found := self.comparison) is None:
+            return "no scores"
+        return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH)
 
     def _repr_html_(self) -> str:
         return self._as_text("html")
@@ -248,17 +247,10 @@ def _one(
         result = restore(method, scene, view)
     except SucreBenchError as fault:
         plugin = method.plugin if isinstance(method, Choice) else plugins.plugin_of(method)
-        is_skipped = isinstance(fault, NotApplicableError) or bool(
-            plugins.missing_needs(plugin, scene.has)
-        )
+        lacks = plugins.missing_needs(plugin, scene.has)
+        is_skipped = lacks or isinstance(fault, NotApplicableError)
         status: results.Status = "skipped" if is_skipped else "failed"
-        row = results.Row(
-            dataset=scene.name,
-            scene=scene.name,
-            view=view.name,
-            method=label,
-            data_id=scene.data_id,
-        )
+        row = results.Row(scene.name, scene.name, view.name, label, data_id=scene.data_id)
         return results.frame([row_without_value(row, status, one_line(fault))]), None
     rows = score(result, view, metrics, dataset=scene.name)
     return rows.assign(method=label), Source.held(to_8bit(result.shown), result.valid)

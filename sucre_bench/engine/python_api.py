@@ -34,6 +34,8 @@ _INFO: dict[str, Any] = dict.fromkeys(
     ("display", "dataset", "scene", "method", "code", "data_id", "device"), str
 )
 _INFO |= {"options": Mapping[str, object], "seconds": float, "peak_mb": float}
+# Of these, what rows have as it is.
+_SAME = {"scene", "method", "code", "data_id", "seconds", "peak_mb"}
 
 
 @checked
@@ -132,6 +134,7 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     >>> load_scene("demo", views=2, width=160, height=120)["view_001.png"].rgb.shape
     (120, 160, 3)
     """
+    where = f"dataset '{name}'"
     names = []
     for found in load_scenes(name, **options):
         if found.name == scene:
@@ -139,15 +142,12 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
         names.append(found.name)
         only = found
     if not names:
-        raise InputError("has no scene", f"dataset '{name}'", "check its options")
+        raise InputError("has no scene", where, "check its options")
     if scene:
-        raise InputError(f"has no scene '{scene}'", f"dataset '{name}'", did_you_mean(scene, names))
+        raise InputError(f"has no scene '{scene}'", where, did_you_mean(scene, names))
     if len(names) > 1:
-        raise InputError(
-            f"has {len(names)} scenes",
-            f"dataset '{name}'",
-            f"give scene=, one of {', '.join(names)}",
-        )
+        remedy = f"give scene=, one of {', '.join(names)}"
+        raise InputError(f"has {len(names)} scenes", where, remedy)
     return only
 
 
@@ -218,9 +218,8 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     }
     restoration = measured.restoration
     known = {field.name: getattr(restoration, field.name) for field in fields(Restoration)}
-    return Restored(
-        **{**known, "info": {**restoration.info, **about}}, display=how, encoding=view.encoding
-    )
+    known["info"] = {**restoration.info, **about}
+    return Restored(**known, display=how, encoding=view.encoding)
 
 
 @checked
@@ -265,16 +264,11 @@ def score(
     shown = displayed(result, how, view.encoding)[0]
     base = results.Row(
         dataset=dataset or info.get("dataset", ""),
-        scene=info.get("scene", ""),
         view=view.name,
-        method=info.get("method", ""),
         options=options,
         options_id=options_id,
         seed=int(seed),
-        code=info.get("code", ""),
-        data_id=info.get("data_id", ""),
-        seconds=info.get("seconds", float("nan")),
-        peak_mb=info.get("peak_mb", float("nan")),
+        **{name: info[name] for name in info.keys() & _SAME},
     )
     rows = score_rows(result, shown, view, scorers(metric_choices(metrics or ["default"])), base)
     return results.frame(sorted(rows, key=lambda row: row.metric in COSTS))
@@ -325,11 +319,8 @@ def list_experiments() -> DataFrame:
 def _table(kind: plugins.Kind, *columns: str) -> DataFrame:
     import pandas as pd
 
-    known = [
-        entry
-        for entry in map(catalogue.entry, plugins.discover(kind).values())
-        if "installed" in entry
-    ]
+    every = map(catalogue.entry, plugins.discover(kind).values())
+    known = [entry for entry in every if "installed" in entry]
     if kind == "method":
         known += catalogue.configured_entries(kind)
     table = pd.DataFrame(known).set_index("name")
