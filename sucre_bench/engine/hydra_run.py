@@ -26,7 +26,6 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now
 
 if TYPE_CHECKING:
-    from hydra._internal.callbacks import Callbacks
     from hydra.core.utils import JobReturn
     from hydra.types import HydraContext
     from omegaconf import DictConfig
@@ -60,8 +59,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
                 config.hydra.overrides.task = swept
         _check_hydra(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
-        context, callbacks = _context(config)
-        callbacks.on_multirun_start(config=config, config_name=configs.config_name())
+        context = _context(config)
+        about: dict[str, Any] = {"config": config, "config_name": configs.config_name()}
+        context.callbacks.on_multirun_start(**about)
         with configs.faults_of_hydra(lines):
             sweeper: Any = Plugins.instance().instantiate_sweeper(
                 config=config, hydra_context=context, task_function=run_launched
@@ -72,7 +72,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
                 watch.start(job_of(config))
                 watch.before(())
             outcome = sweeper.sweep(arguments=swept)
-        callbacks.on_multirun_end(config=config, config_name=configs.config_name())
+        context.callbacks.on_multirun_end(**about)
         if isinstance(outcome, Outcome):
             return outcome
         # another sweeper's jobs: what the score table has since then
@@ -86,7 +86,7 @@ def _check_hydra(config: DictConfig) -> None:
     if config.hydra.job.chdir:
         fault = "paths of a command are relative to the folder where it runs"
         raise InputError(fault, "hydra.job.chdir=true", "leave it out")
-    launcher = str(config.hydra.runtime.choices["hydra/launcher"])
+    launcher = config.hydra.runtime.choices["hydra/launcher"]
     if launcher not in ("slurm", "submitit_slurm"):
         return
     fault = "sbatch is not on this machine"
@@ -105,22 +105,22 @@ def _check_hydra(config: DictConfig) -> None:
     raise InputError(fault, f"hydra/launcher={launcher}", remedy)
 
 
-def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
+def _context(config: DictConfig) -> HydraContext:
     from hydra._internal.callbacks import Callbacks
     from hydra.types import HydraContext
 
-    callbacks = Callbacks(config)
-    return HydraContext(config_loader=configs.loader(), callbacks=callbacks), callbacks
+    return HydraContext(config_loader=configs.loader(), callbacks=Callbacks(config))
 
 
 def _run_single(command: Command, watch: Watch | None) -> Outcome:
     """Run the job of a command that is no sweep, as `hydra.main` does."""
     config = command.config
     _check_hydra(config)
-    context, callbacks = _context(config)
-    callbacks.on_run_start(config=config, config_name=configs.config_name())
+    context = _context(config)
+    about: dict[str, Any] = {"config": config, "config_name": configs.config_name()}
+    context.callbacks.on_run_start(**about)
     outcome, returned = run_as_job(command, context, watch)
-    callbacks.on_run_end(config=config, config_name=configs.config_name(), job_return=returned)
+    context.callbacks.on_run_end(**about, job_return=returned)
     return outcome
 
 

@@ -30,12 +30,10 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
         trained = {method: (text, *_sets_in(text)) for method, text in said.items() if text}
         if not any(sets for _, sets, _ in trained.values()):
             continue
-        pictures = dict[
-            str, Picture
-        ]()  # the views by scene and name, without those that have no stored picture
-        for scene, view in sorted(
-            set(values_of(of_dataset[of_dataset["view"] != ""], "scene", "view"))
-        ):
+        # the views by scene and name, without those that have no stored picture
+        pictures = dict[str, Picture]()
+        of_views = of_dataset[of_dataset["view"] != ""]
+        for scene, view in sorted(set(values_of(of_views, "scene", "view"))):
             with suppress(SucreBenchError):
                 if place := layout.find(str(dataset), scene, view, out):
                     pictures[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
@@ -55,11 +53,9 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
 def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
     """The named sets that a text names as training pictures, and the one that it leaves out of them."""
     known = {name.casefold(): named for name, named in named_sets().items()}
-    whole, less, but = (
-        part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1)
-    )
+    parts = re.split(r"(\bless\b|$)", text, maxsplit=1)
+    whole, less, but = (part.strip().casefold() for part in parts)
     if less and but not in known:
         return [], None
-    return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(
-        but
-    )
+    sets = [one for name, one in known.items() if whole in (one.of.casefold(), name)]
+    return sets, known.get(but)
