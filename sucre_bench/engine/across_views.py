@@ -224,10 +224,10 @@ class _Tally:
             return
         names = (pair.here.view.name, pair.there.view.name)
         base = self._base(names[0])
-        score = self.scorer.metric.score_pair
+        on = f"views '{names[0]}' and '{names[1]}'"
         try:
-            on = f"views '{names[0]}' and '{names[1]}'"
-            scores = self.scorer.scores(base, on, score, pair, self.variant)
+            score_pair = self.scorer.metric.score_pair
+            scores = self.scorer.scores(base, on, score_pair, pair, self.variant)
         except BaseException as fault:
             pair_of = replace(base, view=" and ".join(names))
             row = row_of_fault(pair_of, fault, self.scorer.log)
