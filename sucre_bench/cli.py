@@ -26,8 +26,6 @@ _OF_FILES = {
     errno.ENOTDIR,
     errno.ENOTEMPTY,
     errno.EEXIST,
-}
-_OF_FILES |= {
     errno.ENAMETOOLONG,
     errno.ELOOP,
     errno.EROFS,
@@ -211,9 +209,9 @@ class _LazyGroup(click.Group):
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS and ctx.resilient_parsing:
-            return None  # a shell asks what a line may become
         if cmd_name not in _COMMANDS:
+            if ctx.resilient_parsing:
+                return None  # a shell asks what a line may become
             return ctx.fail(
                 f"no command is called '{cmd_name}'; {did_you_mean(cmd_name, _COMMANDS)}"
             )

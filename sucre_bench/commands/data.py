@@ -91,9 +91,11 @@ def describe(
             )
     with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
-        ends = f"-sheet{sheet.suffix if sheet else '.png'}"
-        names = [f"{file_name(selection.scene.name)}{ends}" for selection in selections]
-        sheets = [sheet.with_name(name) if sheet else Path(name) for name in names]
+        like = sheet or Path("sheet.png")
+        sheets = [
+            like.with_name(f"{file_name(selection.scene.name)}-sheet{like.suffix}")
+            for selection in selections
+        ]
         if no_sheet:
             sheets = []
         elif sheet and len(sheets) == 1:
@@ -124,11 +126,11 @@ def describe(
 
 def _show(one: Described) -> None:
     """Print a description: facts, a table of views, the distances, and faults."""
-    for name, text in _facts(one).items():
+    lines = [*_facts(one).items()]
+    lines += [("set", found.sentence()) for found in one.sets]
+    lines += [("overlap", text) for text in one.shared]
+    for name, text in lines:
         terminal.show(f"{name:8} {text}")
-    for name, texts in (("set", [found.sentence() for found in one.sets]), ("overlap", one.shared)):
-        for text in texts:
-            terminal.show(f"{name:8} {text}")
     between = {overlap.view: overlap for overlap in one.overlaps}
     table = terminal.table(["view"], [head.format(unit=one.unit) for head in _HEADS])
     for view in one.facts[:_ROWS]:
@@ -139,14 +141,7 @@ def _show(one: Described) -> None:
             lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
         colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
         depth = f"{view.coverage:.0%}" if view.has_depth else "-"
-        table.add_row(
-            Text(view.name),
-            depth,
-            near,
-            *lap,
-            colours,
-            str(len(view.charts)) if view.charts else "-",
-        )
+        table.add_row(Text(view.name), depth, near, *lap, colours, str(len(view.charts) or "-"))
     wide = terminal.out.options.update(max_width=_WIDEST)
     table.width = Measurement.get(
         terminal.out, wide, table
@@ -174,12 +169,12 @@ def _facts(one: Described) -> dict[str, str]:
     encodings = " and ".join(sorted({view.encoding for view in one.facts}))
     focals = sorted({view.focal for view in one.facts if view.focal})
     has = ", ".join(one.has) or "images alone"
-    true = one.water
-    water = (
-        {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items()
-        if true
-        else ()
-    )
+    water = "not known"
+    if true := one.water:
+        known = {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}
+        water = ", ".join(
+            f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in known.items()
+        )
     places = np.array([view.position for view in one.facts if view.position])
     travel = "one pose" if len(places) else "not known, no poses"
     if len(places) > 1:
@@ -192,10 +187,7 @@ def _facts(one: Described) -> dict[str, str]:
         if focals
         else "none",
         "travel": travel,
-        "water": ", ".join(
-            f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water
-        )
-        or "not known",
+        "water": water,
     }
     if one.scale is not None:
         facts["scale"] = one.scale["note"]

@@ -78,11 +78,11 @@ def _known(what: str) -> dict[str, dict[str, Any]]:
 
         return {name: one.as_object() for name, one in named_sets().items()}
     kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
-    found = plugins.discover(kind) if kind else {}
     presets = preset_entries(GROUPS[kind] if kind else what[:-1])
-    return {name: entry(plugin) for name, plugin in found.items()} | {
-        str(preset["name"]): preset for preset in presets if preset["name"] not in found
-    }
+    known = {name: entry(plugin) for name, plugin in plugins.discover(kind).items()} if kind else {}
+    for preset in presets:
+        known.setdefault(str(preset["name"]), preset)
+    return known
 
 
 def _show(lines: Iterable[str]) -> None:
@@ -230,11 +230,9 @@ def check(
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
             sign, style, _ = _SIGNS[outcome.status]
-            notes = [
-                text
-                for level, text in outcome.findings
-                if level == "note" and outcome.status != "broken"
-            ]
+            notes = [text for level, text in outcome.findings if level == "note"]
+            if outcome.status == "broken":
+                notes = []
             said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
             show((f"  {sign} ", style), outcome.rule, (said, "dim"))
             for level, text in outcome.findings:
@@ -246,19 +244,18 @@ def check(
             for status, (_, style, name) in _SIGNS.items()
             if counts[status]
         ]
-        show(
-            "  ",
-            Text(", ").join(parts),
-            f" in {sum(outcome.seconds for outcome in outcomes):.1f} s",
-        )
+        seconds = sum(outcome.seconds for outcome in outcomes)
+        show("  ", Text(", ").join(parts), f" in {seconds:.1f} s")
         rules = [
             {name: value for name, value in outcome._asdict().items() if value != ""}
-            | {"status": outcome.status, "seconds": round(outcome.seconds, 3)}
-            | {"findings": [finding._asdict() for finding in outcome.findings]}
+            | {
+                "status": outcome.status,
+                "seconds": round(outcome.seconds, 3),
+                "findings": [finding._asdict() for finding in outcome.findings],
+            }
             for outcome in outcomes
         ]
-        is_kept = all(outcome.status != "broken" for outcome in outcomes)
-        checked.append({**about, "ok": is_kept, "rules": rules})
+        checked.append({**about, "ok": not counts["broken"], "rules": rules})
     if as_json:
         shared.print_json(checked)
     sys.exit(0 if all(one["ok"] for one in checked) else 1)

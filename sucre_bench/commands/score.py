@@ -87,10 +87,9 @@ def score(
     if like:
         files = score_folder.images_in(images)
         published = match_published.read_table(like, images, files, reference is not None)
-        every = (
-            *files.values(),
-            *(score_folder.images_in(reference).values() if reference else ()),
-        )
+        every = [*files.values()]
+        if reference:
+            every += score_folder.images_in(reference).values()
         sizes = {image_size(path) for path in every}
         for warning in published.warnings:
             say(warning, "yellow")
@@ -186,12 +185,12 @@ def _print_matches(
 
     matches = [(column, compare(column, scored.rows)) for column in published.columns]
     if form != "terminal":
-        about = [
-            ({"column": column.header, "metric": column.metric}, found) for column, found in matches
+        records = [
+            {"column": column.header, "metric": column.metric, **asdict(one)}
+            for column, found in matches
+            for one in found
         ]
-        _print_records(
-            pd.DataFrame({**names, **asdict(one)} for names, found in about for one in found), form
-        )
+        _print_records(pd.DataFrame(records), form)
         return
     for column, found in matches:
         table = terminal.table([column.metric], ["mean difference", "largest"])
@@ -199,9 +198,15 @@ def _print_matches(
         table.add_column("compared", justify="right", no_wrap=True)
         table.add_column("", no_wrap=True)
         for one in found[:_MOST_VARIANTS]:
-            note = f"no score of {one.lacking}" if one.lacking else ""
-            figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
-            table.add_row(one.variant, *figures, style="green" if one.fits else None)
+            table.add_row(
+                one.variant,
+                f"{one.mean:.2g}",
+                f"{one.largest:.2g}",
+                one.at,
+                str(one.compared),
+                f"no score of {one.lacking}" if one.lacking else "",
+                style="green" if one.fits else None,
+            )
         terminal.out.print(table)
         terminal.out.print()
     for column, found in matches:

@@ -79,8 +79,12 @@ json_option = flag(
 )
 # The parameter force of `check_output`.
 force_option = flag("--force", help="Write over a file that exists.")
-_PLUGIN: Any = {"multiple": True, "of": _Path(), "metavar": "FILE"}
-_PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
+_PLUGIN: Any = {
+    "multiple": True,
+    "of": _Path(),
+    "metavar": "FILE",
+    "help": "Load the plugins of this .py file; may be repeated.",
+}
 # Plugin files that the command loads: the parameter plugin_files.
 plugin_files_option = option("--plugin", "plugin_files", **_PLUGIN)
 # Plugin files that are loaded before the command runs; PluginError then if one does not exist or does not import.
@@ -119,16 +123,15 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
 
     Depth maps are decoded in a process of its own: workers are forked from one without threads.
     """
-    from sucre_bench.errors import ANY_FAULT
-
-    measuring = (plan for plan in planned if {"poses", "depth"} <= plan.job.method.plugin.needs)
     scenes = {
         (plan.job.dataset.label, task.scene.name): task.scene
-        for plan in measuring
+        for plan in planned
+        if {"poses", "depth"} <= plan.job.method.plugin.needs
         for task in plan.todo
     }
     if not scenes:
         return
+    from sucre_bench.errors import ANY_FAULT
     from sucre_bench.machine import processes, progress
     from sucre_bench.programs.describe.faults import first_look
 
@@ -151,8 +154,8 @@ def floor_of_psi(planned: Sequence[Planned]) -> str:
     kinds = {
         chart.kind for task in tasks if task.view.encoding == "linear" for chart in task.view.charts
     }
-    if not any(
-        not (Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace"))
+    if all(
+        Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace")
         for kind in kinds
     ):
         return ""
@@ -165,14 +168,17 @@ def say_what_views_show(planned: Sequence[Planned]) -> None:
     from sucre_bench.machine import progress
 
     say_whether_measurable(planned)
-    # a shard has neighbours on purpose
-    chosen = [plan for plan in planned if plan.job.first or plan.job.views]
     scenes: dict[tuple[str, str], tuple[Scene, set[str]]] = {}
-    for dataset, task in ((plan.job.dataset.label, task) for plan in chosen for task in plan.tasks):
-        scenes.setdefault((dataset, task.scene.name), (task.scene, set()))[1].add(task.view.name)
+    for plan in planned:
+        if plan.job.first or plan.job.views:  # a shard has neighbours on purpose
+            for task in plan.tasks:
+                key = (plan.job.dataset.label, task.scene.name)
+                scenes.setdefault(key, (task.scene, set()))[1].add(task.view.name)
     for (dataset, name), (scene, selected) in [*scenes.items()][:_MOST_SCENES]:
         places = [place for place, view in enumerate(scene.views) if view.name in selected]
         n, total = len(places), len(scene.views)
         if "poses" in scene.has and 1 < n <= total // 2 and places[-1] - places[0] == n - 1:
-            fewer = f"these {n} of {total} views are neighbours, and show little of the scene"
-            progress.say(f"{dataset}, {name}: {fewer}; every={total // n} shows more")
+            progress.say(
+                f"{dataset}, {name}: these {n} of {total} views are neighbours, and show little of the"
+                f" scene; every={total // n} shows more"
+            )
