@@ -36,9 +36,8 @@ _MOST_LINES = 40  # pictures that get a line
     metavar="NAME",
     help="Method for photographs that overlap with no other.",
 )
-@shared.option(
+@shared.path_option(
     "--photos",
-    of=shared.PATH,
     metavar="FOLDER",
     help="Photographs that a DIVE was prepared from [default: where they were then].",
 )
@@ -119,15 +118,15 @@ def restore(
     if together := len(done.together):
         trust = _of_water(done.together)
         measured = [one.measured for one in done.together if "beta" in one.record]
-        guesses = "of the pixels have a measured distance, and colours of the others are guesses"
-        share = f"; {sum(measured) / together:.0%} {guesses}" if measured else ""
+        if measured:
+            guesses = "have a measured distance, and colours of the others are guesses"
+            trust += f"; {sum(measured) / together:.0%} of the pixels {guesses}"
         alone = len(done.names) - together - done.n_instead
-        rest = (
-            f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
-            if alone
-            else ""
-        )
-        trust = f"{trust}{share}{rest}."
+        if alone:
+            trust += (
+                f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
+            )
+        trust += "."
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(
         f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}"

@@ -72,8 +72,14 @@ _STORED = {
     330,
     338,
     339,
+    347,
+    512,
+    513,
+    514,
+    530,
+    531,
+    532,
 }
-_STORED |= {347, 512, 513, 514, 530, 531, 532}
 # Bytes without a type of their own, which Pillow would call numbers: configuration of components, maker note, comment,
 # source of file and scene, settings; of GPS, method and area.
 _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (27, 28)}

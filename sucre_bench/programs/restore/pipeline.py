@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
@@ -14,8 +14,7 @@ from sucre_bench import plugins
 from sucre_bench.arrays import evenly
 from sucre_bench.camera import Camera
 from sucre_bench.engine.hydra_run import run_words
-from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned, opening_once, select
-from sucre_bench.engine.run import Watch
+from sucre_bench.engine.preflight import MOST_SHOWN_OVER, opening_once, select
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
@@ -34,6 +33,8 @@ from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import tuples
 from sucre_bench.scene import Scene
+
+Words = tuple[str, ...]  # of `sucre-bench run`
 
 # What a method gets that has this option: one water for the dive, so that mosaics have no steps.
 FOR_A_DIVE = {"water": "shared"}
@@ -54,11 +55,11 @@ class Options:
     single_view: str
     quality: int = 95
     original_geometry: bool = False
-    words: tuple[str, ...] = ()
-    where: tuple[str, ...] = ()
+    words: Words = ()
+    where: Words = ()
 
 
-def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def sorted_words(words: Sequence[str], method: str) -> tuple[Words, Words]:
     """Return the options of the dataset and the method of the dive, and the words that say where the work is done.
 
     Raises InputError for a word that is neither, and for a number of workers or blocks that is none.
@@ -91,7 +92,7 @@ class Source:
     """What is restored. dataset: its words; is_dive: whether its views have poses or depth; prepared: what `prepare`
     noted of it; photographs: files by name, none if the views are the photographs; folder: of the photographs."""
 
-    dataset: tuple[str, ...]
+    dataset: Words
     is_dive: bool
     prepared: PreparedDive | None = None
     photographs: Mapping[str, Path] = field(default_factory=dict)
@@ -132,32 +133,23 @@ def source_of(folder: Path, photographs: Path | None = None) -> Source:
             raise
         name = "photos"
     if not {"poses", "depth"} & plugins.find("dataset", name).has:
-        return Source((), False, None, photographs_in(folder), folder).of_photographs
+        return Source((), False, photographs=photographs_in(folder), folder=folder).of_photographs
     prepared = read_prepared(folder)
-    at = photographs or (
-        prepared.photographs if prepared and prepared.photographs.is_dir() else None
-    )
-    words = (f"dataset={name}", _root(folder))
-    return (
-        Source(words, True, prepared, photographs_in(at), at)
-        if at
-        else Source(words, True, prepared)
-    )
+    if prepared and prepared.photographs.is_dir():
+        photographs = photographs or prepared.photographs
+    dive = Source((f"dataset={name}", _root(folder)), True, prepared)
+    if photographs is None:
+        return dive
+    return replace(dive, photographs=photographs_in(photographs), folder=photographs)
 
 
 def _root(folder: Path) -> str:
     return f"dataset.root={quoted(str(folder))}"
 
 
-def restore(
-    source: Source,
-    out: Path,
-    options: Options,
-    before: Callable[[Sequence[Planned]], None] = lambda _: None,
-) -> Done:
+def restore(source: Source, out: Path, options: Options) -> Done:
     """Restore all photographs of a source and write their pictures below `out`; what is finished is not repeated.
 
-    before: see `engine.run.Watch`, for the dive.
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
@@ -182,7 +174,7 @@ def restore(
                 f"method={options.method}",
                 *(f"method.{k}={v}" for k, v in values.items() if k not in named),
             ]
-            dive = _run(source, [*words, *of_method], options.where, out, before)
+            dive = _run(source, [*words, *of_method], options.where, out)
             if options.method != options.single_view:
                 dive, balanced = _replaced(dive, source, options, out)
         done = {one.name for one in [*dive.restored, *balanced]}
@@ -195,7 +187,7 @@ def restore(
             words = [f"method={options.single_view}", f"views={value_of(left)}"]
             if options.single_view == options.method:
                 words += of_method
-            alone = _run(rest, words, options.where, out, before)
+            alone = _run(rest, words, options.where, out)
     with progress.live():
         restored = [*dive.restored, *balanced, *alone.restored]
         restored.sort(key=lambda one: one.name)
@@ -263,13 +255,7 @@ def _parts(
     return [[*whole, f"views={value_of(sorted(deciding))}"], blocks]
 
 
-def _run(
-    source: Source,
-    words: Sequence[str],
-    where: Sequence[str],
-    out: Path,
-    before: Callable[[Sequence[Planned]], None],
-) -> _Run:
+def _run(source: Source, words: Sequence[str], where: Sequence[str], out: Path) -> _Run:
     """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped."""
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
@@ -277,15 +263,12 @@ def _run(
     settings += ["metrics=[coverage]", "report=false", "tracking.uri=off"]
     with progress.live():
         scenes = [selection.scene for selection in select(source.dataset)]
-    watch = Watch(before=before)
     for part in _parts(words, where, scenes):
-        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), watch)
+        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where))
         if outcome.interrupted:
             raise KeyboardInterrupt("stopped; the same command continues from here")
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}
     named = view_of_each(source.photographs, {view for _, view in views})
-
-    origins = source.prepared.origins if source.prepared else None
     restored = []
     rows = restoration_rows(outcome.requested_rows)
     for row in tuples(rows[rows["status"] == "ok"]):
@@ -295,26 +278,24 @@ def _run(
         if place is None:
             continue
         photograph = source.photographs.get(name) or next(source_files(view))
-        lens = (
-            source.prepared.lens_of(view.camera)
-            if source.prepared
-            else getattr(view.pixels, "lens", None)
-        )
-        image, record = place.restored(folder, row.method), read_record(row, folder)
-        origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
+        lens = getattr(view.pixels, "lens", None)
+        origin = None
+        if source.prepared:
+            lens = source.prepared.lens_of(view.camera)
+            origin = source.prepared.origins / PurePosixPath(view.name).with_suffix(".png")
+        record = read_record(row, folder)
         said = record.get("limits")
-        limits = [str(limit) for limit in said] if isinstance(said, list) else []
         restored.append(
             Restored(
                 name,
                 photograph,
                 view,
-                image,
+                place.restored(folder, row.method),
                 lens,
                 origin,
                 row.method,
                 row.coverage,
-                limits,
+                [str(limit) for limit in said] if isinstance(said, list) else [],
                 record,
                 source.is_dive,
             )
@@ -336,7 +317,7 @@ def _replaced(
         return dive, []
     views = sorted({one.view.name for one in dive.restored if one.name in whys})
     words = [f"method={options.single_view}", f"views={value_of(views)}"]
-    again = _run(source, words, options.where, out, lambda _: None).restored
+    again = _run(source, words, options.where, out).restored
     balanced = [one for one in again if one.name in whys]
     faults = {one.name: whys[one.name] for one in balanced}
     kept = [one for one in dive.restored if one.name not in faults]
@@ -359,13 +340,9 @@ class PreparedDive:
         """Return the lens whose pinhole image has this camera; None if the photograph has no distortion."""
         for lens in self.lenses:
             own = lens.pinhole
-            is_same_size = camera is not None and own.size == camera.size
-            if (
-                camera
-                and is_same_size
-                and np.allclose(own.K, camera.K, rtol=1e-6)
-                and any(lens.coefficients)
-            ):
+            if camera is None or own.size != camera.size or not any(lens.coefficients):
+                continue
+            if np.allclose(own.K, camera.K, rtol=1e-6):
                 return lens
         return None
 

@@ -1,9 +1,5 @@
 """How far restored pictures can be trusted: what their records say of the water, and what the eye sees in them."""
 
-from __future__ import annotations
-
-import csv
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +19,7 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.restore.write import Restored
 from sucre_bench.results.restorations import read_mask
+from sucre_bench.results.rows import csv_text
 
 # A water is measured if the method's judge admitted it, no channel was assumed, and far colours are wrong by less than
 # this share.
@@ -70,15 +67,13 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
         return f"the water of {_named(assumed)} was assumed"
     if rough := record.get("roughly_known"):
         return f"the water of {_named(rough)} is known only roughly"
-    far = {
-        name: error
+    far = [
+        f"{name} {error:.0%}"
         for name, error in (record.get("far_error") or {}).items()
         if error and error > _FAR
-    }
+    ]
     if far:
-        return "far ground may be wrong by " + ", ".join(
-            f"{name} {error:.0%}" for name, error in far.items()
-        )
+        return f"far ground may be wrong by {', '.join(far)}"
     judged = record.get("judged")
     if not judged:
         # the judge chooses no water that predicts unseen views no better than none
@@ -102,6 +97,8 @@ def assess(
     instead: why another method than the dive's made a picture, by name.
     """
 
+    import pandas as pd
+
     def seen(one: Restored) -> Look:
         picture = read_rgb(out / "pictures" / one.name)
         if original_geometry and one.lens is not None:
@@ -110,7 +107,9 @@ def assess(
 
     faults = {one.name: found for one, found in _faults(_looks(restored, seen))}
     assessed = [_assessed(one, faults.get(one.name, ()), instead) for one in restored]
-    _write(assessed, out / "pictures.csv")
+    lines = [(one.name, one.trust.value, "; ".join(one.reasons)) for one in assessed]
+    table = pd.DataFrame(lines, columns=["picture", "trust", "why"])
+    write_atomically(out / "pictures.csv", csv_text(table).encode())
     return assessed
 
 
@@ -198,11 +197,3 @@ def _assessed(
     if any(_is_ruining(fault) for fault in faults):
         trust = Trust.DO_NOT_USE
     return Assessed(one.name, trust, tuple(reasons))
-
-
-def _write(assessed: Sequence[Assessed], path: Path) -> None:
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["picture", "trust", "why"])
-    rows.writerows([one.name, one.trust.value, "; ".join(one.reasons)] for one in assessed)
-    write_atomically(path, text.getvalue().encode())

@@ -182,10 +182,7 @@ def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mas
             for at, n in ((across, width), (down, height))
         )
     )
-    x, y = (
-        np.asarray(cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR))
-        for c in range(2)
-    )
+    x, y = (cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR) for c in range(2))
     shown = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     share = cv2.remap(
         known.astype(np.uint8),

@@ -1,7 +1,5 @@
 """Writes the pictures and the contact sheet of photographs that the engine restored."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Mapping, Sequence
