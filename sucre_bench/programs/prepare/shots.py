@@ -14,9 +14,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera, moved, project
 from sucre_bench.imaging.image_files import OF_JPEG, is_jpeg, write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
@@ -124,10 +123,10 @@ class Shot:
     name: str
     camera: Camera
     cam_from_world: Array
-    point_ids: npt.NDArray[np.int64]
+    point_ids: Indices
     points: Array
     xy: Array
-    tracks: npt.NDArray[np.int64]
+    tracks: Indices
 
     @property
     def centre(self) -> Array:
