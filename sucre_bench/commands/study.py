@@ -25,7 +25,7 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @click.command()
 @shared.argument("folder")
 @shared.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
-@shared.option("--out", of=shared.PATH, metavar="FILE.html", help="The page to write.")
+@shared.path_option("--out", metavar="FILE.html", help="The page to write.")
 @shared.dataset_option
 @shared.option("--question", default="", metavar="TEXT", help="The question on the page.")
 @shared.option("--pairs", default=20, of=click.IntRange(2, 500), help="Pairs in one sitting.")
@@ -121,7 +121,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     found = evaluate.evaluate(folder, files)
     for line in found.skipped:
         say(line, "yellow")
-    n = evaluate.store(folder, found)
+    n_rows = evaluate.store(folder, found)
     if as_json:
         shared.print_json(_as_object(found))
         return
@@ -158,9 +158,9 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
             for line in lines:
                 shared.echo_wrapped(line)
             click.echo()
-    if n:
+    if n_rows:
         click.echo(
-            f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference"
+            f"rows     {n_rows} of metric preference: sucre-bench compare {folder} --metric preference"
         )
     else:
         click.echo(f"rows     none: {people.want}")

@@ -30,6 +30,8 @@ from sucre_bench.results.common_scores import common_pixels, filled_restorations
 from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
 
+ViewKey = tuple[str, str]  # scene and name
+
 QUESTION = "Which picture shows the scene better?"
 _FORMAT, _VERSION = "sucre_bench people's study", 1
 _CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
@@ -85,15 +87,16 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
             )
     rows = rows[rows["method"].isin(methods)]
     datasets = list(rows["dataset"].unique())
-    if dataset and dataset not in datasets:
-        raise InputError(
-            f"--dataset: no '{dataset}' in {folder}; {did_you_mean(dataset, datasets)}"
-        )
     if not dataset and len(datasets) > 1:
         raise InputError(
             f"{folder}: several datasets; choose one with --dataset, of {', '.join(datasets)}"
         )
-    rows = rows[rows["dataset"] == (dataset or datasets[0])]
+    dataset = dataset or datasets[0]
+    if dataset not in datasets:
+        raise InputError(
+            f"--dataset: no '{dataset}' in {folder}; {did_you_mean(dataset, datasets)}"
+        )
+    rows = rows[rows["dataset"] == dataset]
     shared = rows.groupby(["scene", "view"])["method"].nunique() == len(methods)
     places = list(shared.index[shared])
     if not places:
@@ -103,7 +106,7 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     chosen = {places[n] for n in evenly(len(places), views)}
     wanted = [row for row in rows.itertuples() if (row.scene, row.view) in chosen]
     pictures = {secrets.token_hex(5): Shown.of_row(row) for row in wanted}
-    return Key(secrets.token_hex(4), wanted[0].dataset, tuple(methods), pictures)
+    return Key(secrets.token_hex(4), dataset, tuple(methods), pictures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +122,7 @@ class Part:
     share: float
 
 
-def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part], list[str]]:
+def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[str]]:
     """Return a study without holes, the parts of its views that have some, and whom it leaves out.
 
     People judge colours, not holes. While the parts have less than a quarter of the views on average, the method that
@@ -131,7 +134,7 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
         (rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)
     ]
     places = {(one.scene, one.view) for one in key.pictures.values()}
-    masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
+    masks: dict[ViewKey, dict[str, Mask | None]] = {}
     for row in row_objects(rows):
         where = (row.scene, row.view)
         place = layout.find(key.dataset, row.scene, row.view, folder)
@@ -192,11 +195,12 @@ def _part(mask: Mask) -> Part:
             if not len(starts):
                 break
             n = int((ends - starts).argmax())
-            if (size := (bottom + 1 - top) * int(ends[n] - starts[n])) > best:
+            left, right = int(starts[n]), int(ends[n])
+            if (size := (bottom + 1 - top) * (right - left)) > best:
                 best = size
                 area = (
                     slice(top * side, (bottom + 1) * side),
-                    slice(int(starts[n]) * side, int(ends[n]) * side),
+                    slice(left * side, right * side),
                 )
     return Part(area, mask, mask[area].size / mask.size)
 
@@ -211,7 +215,7 @@ def write_page(
     question: str,
     pairs: int,
     width: int,
-    parts: Mapping[tuple[str, str], Part] = MappingProxyType({}),
+    parts: Mapping[ViewKey, Part] = MappingProxyType({}),
 ) -> None:
     """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
 
@@ -236,24 +240,24 @@ def write_page(
         "views": views,
         "orders": orders,
     }
-    content = Markup(json.dumps(sitting))
-    pictures = _pictures(folder, key, width, parts)
-    write_atomically(
-        path,
-        filled_in(
-            __package__, "page.html.j2", question=question, content=content, pictures=pictures
-        ),
+    page = filled_in(
+        __package__,
+        "page.html.j2",
+        question=question,
+        content=Markup(json.dumps(sitting)),
+        pictures=_pictures(folder, key, width, parts),
     )
+    write_atomically(path, page)
 
 
 def _pictures(
-    folder: Path, key: Key, width: int, parts: Mapping[tuple[str, str], Part]
+    folder: Path, key: Key, width: int, parts: Mapping[ViewKey, Part]
 ) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
     import cv2
     from PIL import Image
 
-    sizes: dict[tuple[str, str], tuple[int, ...]] = {}
+    sizes: dict[ViewKey, tuple[int, ...]] = {}
     made = []
     for name, shown in progress.track(sorted(key.pictures.items()), "pictures"):
         place = layout.find(key.dataset, shown.scene, shown.view, folder)
@@ -272,7 +276,8 @@ def _pictures(
             image = cv2.inpaint(
                 np.ascontiguousarray(image[part.area]), specks, 3, cv2.INPAINT_TELEA
             )
-        picture, jpeg = Image.fromarray(np.ascontiguousarray(image)), io.BytesIO()
+        picture = Image.fromarray(np.ascontiguousarray(image))
+        jpeg = io.BytesIO()
         picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
         picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)
         made.append((name, base64.b64encode(jpeg.getvalue()).decode()))

@@ -68,11 +68,8 @@ def read_votes(
             for reason, count in reasons.items()
         ]
     if not votes:
-        raise LinesError(
-            "\n".join(
-                skipped or ["--votes: no vote counts; give files that the study's page saved"]
-            )
-        )
+        none = "--votes: no vote counts; give files that the study's page saved"
+        raise LinesError("\n".join(skipped) or none)
     return list(votes.values()), skipped
 
 
@@ -99,12 +96,9 @@ def _votes(
     key = keys[study]
     for one in given:
         try:
-            n, won, left, right = (
-                one["n"],
-                _WON[one["choice"]],
-                key.pictures[one["left"]],
-                key.pictures[one["right"]],
-            )
+            n = one["n"]
+            won = _WON[one["choice"]]
+            left, right = (key.pictures[one[side]] for side in ("left", "right"))
         except (KeyError, TypeError):
             reasons["are damaged, or name pictures that the study does not have"] += 1
             continue
@@ -128,16 +122,14 @@ class Numbered:
 
 def as_numbers(votes: Sequence[Vote]) -> Numbered:
     """Number methods, views and observers of votes."""
-    both = [vote.left.method for vote in votes] + [vote.right.method for vote in votes]
-    sides, methods = pd.Index(both).factorize(True)
+    both = [(vote.left.method, vote.right.method) for vote in votes]
+    sides, methods = pd.Index(np.ravel(both)).factorize(True)
     places, views = pd.MultiIndex.from_tuples(
         [(vote.left.scene, vote.left.view) for vote in votes]
     ).factorize(True)
     people, observers = pd.Index([vote.observer for vote in votes]).factorize(True)
     won = np.array([vote.won for vote in votes])
-    numbers = statistics.Votes(
-        len(methods), sides[: len(votes)], sides[len(votes) :], won, places, people
-    )
+    numbers = statistics.Votes(len(methods), sides[::2], sides[1::2], won, places, people)
     return Numbered(numbers, methods.tolist(), views.tolist(), observers.tolist())
 
 
@@ -180,14 +172,11 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
     numbered = as_numbers(votes)
     people = statistics.preferences(numbered.votes)
     # Each metric by which methods win or lose, in each variant, against people.
-    is_score = (
-        (rows["status"] == "ok")
-        & (rows["better"] != "none")
-        & ~rows["metric"].isin([*COSTS, PREFERENCE])
-    )
-    is_score &= (rows["dataset"] == dataset) & ~rows["region"].str.contains("/", regex=False)
+    scores = rows[(rows["dataset"] == dataset) & (rows["status"] == "ok")]
+    scores = scores[(scores["better"] != "none") & ~scores["metric"].isin([*COSTS, PREFERENCE])]
+    scores = scores[~scores["region"].str.contains("/", regex=False)]
     agreements = {}
-    for (metric, variant), of_metric in rows[is_score].groupby(["metric", "variant"], sort=False):
+    for (metric, variant), of_metric in scores.groupby(["metric", "variant"], sort=False):
         table = of_metric.groupby(["scene", "view", "method"])["value"].mean().unstack("method")
         table = table.reindex(index=numbered.views, columns=numbered.methods)
         is_lower = str(of_metric["better"].iloc[0]) == "lower"

@@ -15,8 +15,10 @@ false lead. With 3 to 5 observers it was up to 32 %. These get no interval, see 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -81,7 +83,8 @@ class Preferences:
 
     def difference(self, i: int, j: int) -> tuple[float, float, float]:
         """Return the score of i less that of j, and the ends of its 95 % interval, NaN without one."""
-        gap, half = float(self.scores[i] - self.scores[j]), float(self.half[i, j])
+        gap = float(self.scores[i] - self.scores[j])
+        half = float(self.half[i, j])
         return gap, gap - half, gap + half
 
 
@@ -112,7 +115,7 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     scores, rng = fit(votes), np.random.default_rng(0)
     observers, which = np.unique(votes.observer, return_inverse=True)
     n = len(observers)
-    groups = [np.flatnonzero(which == one) for one in range(len(observers))]
+    groups = [np.flatnonzero(which == one) for one in range(n)]
     resampled = np.empty((resamples, votes.methods))
     for r in range(resamples):  # whole observers, whose votes are not independent
         resampled[r] = fit(
@@ -186,13 +189,12 @@ def observer_agreement(votes: Votes) -> Agreement:
     Which picture of a pair is called the first is arbitrary, so each vote counts as won and, mirrored, as lost. 0 is
     then the agreement of people who toss coins, whichever methods are compared.
     """
-    first, second = np.minimum(votes.first, votes.second), np.maximum(votes.first, votes.second)
-    won = np.where(votes.first > votes.second, 1 - votes.won, votes.won)
-    judged: dict[tuple[int, ...], dict[int, float]] = {}
-    for view, one, other, observer, value in zip(
-        votes.view, first, second, votes.observer, won, strict=True
+    judged: dict[Any, dict[int, float]] = defaultdict(dict)
+    for view, first, second, observer, won in zip(
+        votes.view, votes.first, votes.second, votes.observer, votes.won, strict=True
     ):
-        judged.setdefault((view, one, other), {})[observer] = float(value)
+        value = float(1 - won if first > second else won)
+        judged[view, frozenset([first, second])][observer] = value
     units = [list(judgements.values()) for judgements in judged.values() if len(judgements) > 1]
     mirrored = [[1 - value for value in unit] for unit in units]
     return Agreement(krippendorff([*units, *mirrored]), len(units))
@@ -208,7 +210,7 @@ def krippendorff(units: Sequence[Sequence[float]]) -> float:
     expected = np.var(values, ddof=1) if values else 0.0
     # Twice the variance of a unit is the mean squared difference of its pairs.
     observed = sum(len(unit) * np.var(unit, ddof=1) for unit in units) / max(len(values), 1)
-    return float(1 - observed / expected) if expected else float("nan")
+    return float(1 - observed / expected) if expected else math.nan
 
 
 def metric_agreement(
@@ -226,12 +228,9 @@ def metric_agreement(
     rng = np.random.default_rng(0)
     low = np.nan
     high = np.nan
-    drawn = (
-        known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled
-    )
     taus = [
-        kendall_tau(mean, preferences)
-        for mean, preferences in zip(drawn, people.resampled, strict=True)
+        kendall_tau(known[rng.integers(len(known), size=len(known))].mean(axis=0), preferences)
+        for preferences in people.resampled
     ]
     if np.isfinite(taus).any() and not people.want:
         low, high = np.nanquantile(taus, [0.025, 0.975])
@@ -249,6 +248,4 @@ def kendall_tau(one: Array, other: Array) -> float:
     """Return Kendall's tau-b of two scores (M,); NaN if one of them does not tell methods apart."""
     from scipy.stats import kendalltau
 
-    return (
-        float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else float("nan")
-    )
+    return float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else math.nan
