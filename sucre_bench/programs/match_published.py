@@ -6,8 +6,6 @@ one mean. Every variant of these metrics is computed on the images, also of the 
 table. Where none fits, also of cropped pictures, of Y, and of other ranges.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re
@@ -28,6 +26,8 @@ from sucre_bench.loading.find_folders import bare_stems, without_suffix, without
 from sucre_bench.loading.named_sets import Found
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import counted, first_few
+
+Cells = Mapping[str, str]  # of a row, by header
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
@@ -162,7 +162,7 @@ def read_table(
 def _columns(
     table: str,
     named: Mapping[str, Sequence[str]],
-    rows: Sequence[tuple[str, tuple[str, ...], Mapping[str, str]]],
+    rows: Sequence[tuple[str, tuple[str, ...], Cells]],
     has_reference: bool,
     warnings: list[str],
 ) -> Iterator[Column]:
@@ -173,9 +173,9 @@ def _columns(
     known = plugins.usable("metric")
     has = {"reference"} if has_reference else set()
     is_none = True
-    for header, place, name in (
-        (h, *one) for h, names in named.items() for one in enumerate(names)
-    ):
+    places = [(header, n) for header, names in named.items() for n in range(len(names))]
+    for header, place in places:
+        name = named[header][place]
         metric = "psnr" if name == _MSE else name
         if lacking := known[metric].needs - has:
             remedy = (
@@ -216,7 +216,7 @@ def _columns(
         raise InputError(warnings[0] if warnings else f"{table}: no column is a metric, {names}")
 
 
-def _rows(table: str) -> list[dict[str, str]]:
+def _rows(table: str) -> list[Cells]:
     if "=" in table and not Path(table).exists():
         pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
         return [{name.strip(): value.strip() for name, _, value in pairs}]
@@ -233,15 +233,16 @@ def _rows(table: str) -> list[dict[str, str]]:
             for is_block, block in groupby(lines, key=lambda line: line.startswith("|"))
             if is_block
         ]
-        delimiter = "|" if blocks else max(",;\t", key=lines[0].count) if lines else ","
-        tables = [_read(block, delimiter) for block in blocks or [lines]]
+        tables = [_read(block, "|") for block in blocks]
+        if lines and not blocks:
+            tables = [_read(lines, max(",;\t", key=lines[0].count))]
     forms = [form for rows in tables if rows for form in (rows, _turned(rows))]
     if not forms:
         raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
-    return next(
-        (rows for rows in forms if any(_number(row[h]) for row in rows for h in row if _named(h))),
-        forms[0],
-    )
+    for rows in forms:
+        if any(_number(row[header]) for row in rows for header in row if _named(header)):
+            return rows
+    return forms[0]
 
 
 def _plain(latex: str) -> str:
@@ -249,7 +250,7 @@ def _plain(latex: str) -> str:
     return re.sub(r"\\[a-zA-Z]+\*?|(?<!\\)[{}$]", "", latex).replace(r"\_", "_").replace(r"\%", "%")
 
 
-def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:
+def _read(lines: Sequence[str], delimiter: str) -> list[Cells]:
     """The rows of a table, with their cells by header. Of Markdown's, the line below the headers is left out."""
     if delimiter == "|":
         lines = [line.strip("|") for line in lines if set(line) - set("|:- ")]
@@ -259,7 +260,7 @@ def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:
     ]
 
 
-def _turned(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+def _turned(rows: Sequence[Cells]) -> list[Cells]:
     """A table with rows and columns exchanged: the first column's cells become the headers."""
     first, *others = rows[0]
     return [{first: header} | {row[first]: row[header] for row in rows} for header in others]
@@ -268,15 +269,10 @@ def _turned(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
 def _named(header: str) -> list[str]:
     """The metrics that a header names, in order: whole words, or their parts between "_"; MSE for PSNR's error."""
     known = {*plugins.usable("metric"), _MSE}
-    words = re.findall(r"[a-z0-9_]+", header.lower())
-    return list(
-        dict.fromkeys(
-            one
-            for word in words
-            for one in ([word] if word in known else word.split("_"))
-            if one in known
-        )
-    )
+    words: list[str] = []
+    for word in re.findall(r"[a-z0-9_]+", header.lower()):
+        words += [word] if word in known else word.split("_")
+    return [word for word in dict.fromkeys(words) if word in known]
 
 
 def _part(cell: str, place: int, n: int) -> str:
@@ -310,14 +306,15 @@ def _number(text: str) -> tuple[float, float] | None:
 
 
 def _naming(
-    rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]
-) -> tuple[Sequence[str], Callable[[Mapping[str, str]], tuple[str, ...]]]:
+    rows: Sequence[Cells], headers: Sequence[str], root: Path, images: Iterable[str]
+) -> tuple[Sequence[str], Callable[[Cells], tuple[str, ...]]]:
     """Return the headers of the cells that name images or their folders, and what finds the images of a row.
 
     These are one image, or all of the folder that the row names; none if it names none, or several.
     """
     order = tuple(images)
-    files, folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+    files: dict[str, set[str]] = defaultdict(set)
+    folders: dict[str, set[str]] = defaultdict(set)
     bare = bare_stems(order)
     for name in order:
         path = Path(name)
@@ -335,15 +332,13 @@ def _naming(
     ]
     is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
 
-    def images_of(row: Mapping[str, str]) -> tuple[str, ...]:
+    def images_of(row: Cells) -> tuple[str, ...]:
         if not naming:
             return order if is_of_all else ()
-        cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
-        for header in naming:
-            key = next((key for key in _keys(row[header]) if key in known), "")
-            cells.append((files.get(key, set[str]()), folders.get(key, set[str]())))
-        fitting = set.intersection(*(one | of_folder for one, of_folder in cells))
-        is_clear = len(fitting) == 1 or not any(fitting & one for one, _ in cells)
+        # Of each cell the images, and those of the folders, by its whole text, else by its last part.
+        keys = [next((key for key in _keys(row[h]) if key in known), "") for h in naming]
+        fitting = set.intersection(*(files[key] | folders[key] for key in keys))
+        is_clear = len(fitting) == 1 or not any(fitting & files[key] for key in keys)
         return tuple(name for name in order if name in fitting) if is_clear else ()
 
     return naming, images_of
@@ -382,9 +377,9 @@ def search(
         # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
         variants = plugins.usable("metric")[metric].variants
         whole = {name for name in variants if name.endswith("unmasked")}
-        twins = {name.removesuffix("-unmasked") for name in whole} | (
-            {"masked", "raw"} if whole else set()
-        )
+        twins = {name.removesuffix("-unmasked") for name in whole}
+        if whole:
+            twins |= {"masked", "raw"}
         every += [f"{metric}:{name}" for name in variants if name in whole or name not in twins]
     names = [f"{name}{size}" for size in _at(sizes) for name in every]
     scores = score([name for name in names if name.startswith("psnr:")] or names)
@@ -501,11 +496,10 @@ def answer(
     by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
     best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
-    yours = (
-        f"Your {numbers[0]:.{digits}f}"
-        if len(numbers) == 1
-        else f"Your {len(numbers)} numbers of '{column.header}'"
-    )
+    is_one = len(numbers) == 1
+    yours = f"Your {len(numbers)} numbers of '{column.header}'"
+    if is_one:
+        yours = f"Your {numbers[0]:.{digits}f}"
 
     def words_of(one: Candidate) -> str:
         name = in_words(column.metric, one.variant, size)
@@ -517,21 +511,19 @@ def answer(
         either = dict.fromkeys(words_of(one) for one in found if one.fits)
         either.pop(what)
         more = f" (or {', or '.join(list(either)[:2])})" if either else ""
-        text = f"{yours} {'is' if len(numbers) == 1 else 'are'} {what}{more} {where}"
+        text = f"{yours} {'is' if is_one else 'are'} {what}{more} {where}"
     else:
-        off = f"{best.value:.{digits}f}, {best.mean:.2g} away"
-        if len(numbers) > 1:
-            off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
-        text = f"{yours} fit{'s' if len(numbers) == 1 else ''} no public form; the nearest is {what} {where}: {off}"
+        off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
+        if is_one:
+            off = f"{best.value:.{digits}f}, {best.mean:.2g} away"
+        text = f"{yours} fit{'s' if is_one else ''} no public form; the nearest is {what} {where}: {off}"
     if by_chance:
         text += f" ({words_of(found[0])} gives it{' too' * best.fits}, perhaps by chance)"
     base, *words = best.variant.removesuffix(_PEAK).split("@")
     # The variant "gray" resizes by itself. Y has the form of colours.
-    forms = (
-        ["@256", ""]
-        if base == "gray" and not words
-        else ["".join(f"@{word}" for word in words if word != "y")]
-    )
+    forms = ["".join(f"@{word}" for word in words if word != "y")]
+    if base == "gray" and not words:
+        forms = ["@256", ""]
     colours = {f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms}
     rgb = next((one for one in found if one.variant in colours), None)
     if rgb and not what.startswith("RGB"):
@@ -560,13 +552,12 @@ def in_words(metric: str, variant: str, size: Size | None) -> str:
         name += " at 256x256 (bicubic)"
     else:
         name += f" at {size[0]}x{size[1]}" if size else " at the files' sizes"
-    changes = {
-        "range2": " with a range of 2",
-        "minmax": " of pictures stretched from least to most",
-    }
-    name += f" without {form.crop} pixels at each edge" if form.crop else ""
-    return (
-        name
-        + changes.get(form.change or "", "")
-        + " with 255 x 250 as squared peak" * variant.endswith(_PEAK)
-    )
+    if form.crop:
+        name += f" without {form.crop} pixels at each edge"
+    if form.change == "range2":
+        name += " with a range of 2"
+    if form.change == "minmax":
+        name += " of pictures stretched from least to most"
+    if variant.endswith(_PEAK):
+        name += " with 255 x 250 as squared peak"
+    return name

@@ -133,9 +133,9 @@ def score_folder(
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))
     if lossy:
-        remedy = "for exact ones give the dataset's own references"
         progress.say(
-            f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}"
+            f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; for exact ones give"
+            " the dataset's own references"
         )
     _say_if_of_other_reference(images, outlines)
     rows = pd.concat(tables, ignore_index=True)
@@ -205,18 +205,17 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
             ]
         found[name] = [place / file for file in files]
     if not any(found.values()):  # as 1_ours.png and 1.png: without what all names share
-        bare, of_bare = bare_stems(found), defaultdict[str, list[Path]](list)
+        of_bare: dict[str, list[Path]] = defaultdict(list)
         for file, stem in bare_stems(images_in(place)).items():
             of_bare[stem].append(place / file)
-        found = {name: of_bare.get(bare[name], []) for name in found}
+        found = {name: of_bare[stem] for name, stem in bare_stems(found).items()}
     if not any(found.values()):
         example = PurePosixPath(next(iter(found))).stem
         fault_text = f"no image has the name of one in {images}, for example {example}"
         raise InputError(fault_text, place, "rename the references")
-    stems = {name: PurePosixPath(name).stem for name in found}
-    lack = {
-        name: f"{place / name}: no such reference; give a folder with an image named {stems[name]}"
-        for name in found
-    }
-    remedy = "give the folder of one of them as --reference"
-    return {name: only(files, remedy) or lack[name] for name, files in found.items()}
+    compared_with = {}
+    for name, paths in found.items():
+        stem = PurePosixPath(name).stem
+        lack = f"{place / name}: no such reference; give a folder with an image named {stem}"
+        compared_with[name] = only(paths, "give the folder of one of them as --reference") or lack
+    return compared_with

@@ -167,9 +167,8 @@ class Pictured:
         value = self.rows[key].value
         if not math.isfinite(value):
             return math.inf if known else 0.0
-        return _WITHIN * max(
-            (_difference(one, value, scorer.plugin.period) for one in known), default=0.0
-        )
+        apart = [_difference(one, value, scorer.plugin.period) for one in known]
+        return _WITHIN * max(apart, default=0.0)
 
 
 Scenes = dict[tuple[str, str], Scene]  # by dataset label, and name in rows
@@ -193,9 +192,8 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
             scene, data_id = _scene(row, root)
         except SucreBenchError as fault:
             faults.append(f"{where}: {one_line(fault)}")
-        except (
-            ANY_FAULT
-        ) as fault:  # whatever a stranger's options make fail is a fault of that bundle
+        except ANY_FAULT as fault:
+            # whatever a stranger's options make fail is a fault of that bundle
             faults.append(
                 f"{where}: its options cannot be used ({one_line(fault)}); ask who made the bundle"
             )
@@ -212,11 +210,9 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
 def _scene(row: Any, root: Path) -> tuple[Scene, str]:
     """Return the scene of a row as it was restored, and its data_id. Raises InputError if it does not open here."""
     told = json.loads(row.options)
-    given, degrade, replicate = (
-        dict(told["dataset"]),
-        dict(told.get("degrade", {})),
-        int(told.get("replicate", 0)),
-    )
+    given = dict(told["dataset"])
+    degrade = dict(told.get("degrade", {}))
+    replicate = int(told.get("replicate", 0))
     plugin = plugins.find("dataset", str(given.pop("name")))
     known = {option.name: option for option in options_of(plugin.cls)}
     if "root" not in known:

@@ -125,7 +125,7 @@ def verify(
     outcome = Outcome(
         bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()]
     )
-    outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows)]
+    outcome.faults += [*data_faults, *_wrong_meaning(rows)]
     if rows.empty:
         outcome.faults.append(f"{SCORES}: has no rows")
     check = _Check(bundle, scenes, tolerance, outcome)
@@ -159,18 +159,15 @@ def _grouped(rows: DataFrame, *columns: str) -> dict[tuple[str, ...], list[Any]]
     return groups
 
 
-def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
-    """Metrics of which a table of the bundle says another unit or direction than they have."""
+def _wrong_meaning(rows: DataFrame) -> Iterator[str]:
+    """Metrics of which the score table says another unit or direction than they have."""
     known = plugins.usable("metric")
     once = rows[~rows["metric"].isin(COSTS)].drop_duplicates(["metric", "unit", "better"])
     for row in once.itertuples():
         plugin = known.get(row.metric)
         if plugin and (row.unit, row.better) != (plugin.unit, plugin.better):
-            said, meant = (
-                f"'{row.unit}', {row.better} is better",
-                f"'{plugin.unit}', {plugin.better}",
-            )
-            yield f"{file}: {row.metric} in {said}; it is {meant}"
+            said = f"{SCORES}: {row.metric} in '{row.unit}', {row.better} is better"
+            yield f"{said}; it is '{plugin.unit}', {plugin.better}"
 
 
 def _picture(bundle: Bundle, name: str) -> Array:
@@ -250,12 +247,10 @@ class _Check:
     """Scores restorations one after the other, and writes into an outcome what comes out."""
 
     def __init__(self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome) -> None:
-        self._bundle, self._scenes, self._tolerance, self._outcome = (
-            bundle,
-            scenes,
-            tolerance,
-            outcome,
-        )
+        self._bundle = bundle
+        self._scenes = scenes
+        self._tolerance = tolerance
+        self._outcome = outcome
         self._metric = metrics_of(bundle)
         self._picture = functools.lru_cache(maxsize=4)(functools.partial(_picture, bundle))
         self._opened = functools.partial(_opened, bundle, self._picture)
@@ -303,18 +298,15 @@ class _Check:
             found = {
                 method: opened for method, row in whole.items() if (opened := self._opened(row))
             }
-            if found.keys() != whole.keys():
+            if len(found) < len(whole):
                 self._outcome.skip(_NO_PICTURES, len(scores))
                 return
             common = self._common_pixels(said, found)
             for method, opened in found.items():
-                restoration = replace(
-                    opened.restoration, image=masked(opened.restoration.image, common)
-                )
-                on_common = opened._replace(restoration=restoration)
-                self._score(
-                    whole[method], on_common, [score for score in scores if score.method == method]
-                )
+                image = masked(opened.restoration.image, common)
+                on_common = opened._replace(restoration=replace(opened.restoration, image=image))
+                of_method = [score for score in scores if score.method == method]
+                self._score(whole[method], on_common, of_method)
 
     @contextlib.contextmanager
     def _faults(self, where: str, scores: Sequence[Any], reason: str) -> Iterator[None]:
@@ -322,11 +314,9 @@ class _Check:
         try:
             yield
         except ANY_FAULT as fault:
-            text = (
-                fault.beside(self._bundle.path)
-                if isinstance(fault, SucreBenchError)
-                else str(fault)
-            )
+            text = str(fault)
+            if isinstance(fault, SucreBenchError):
+                text = fault.beside(self._bundle.path)
             self._outcome.faults.append(f"{where}: {text}")
             self._outcome.skip(reason, len(scores))
 
