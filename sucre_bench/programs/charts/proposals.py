@@ -120,10 +120,8 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     v, u = np.nonzero(chart_mask(chart, view.camera.size) & (view.depth > 0))
     if len(v) < _LEAST_PIXELS:
         return None
-    design, depth = (
-        np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1),
-        view.depth[v, u].astype(np.float64),
-    )
+    design = np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1)
+    depth = view.depth[v, u].astype(np.float64)
     weights = np.ones(len(depth), dtype=bool)
     for _ in range(4):
         plane = np.linalg.lstsq(

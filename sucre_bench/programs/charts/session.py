@@ -1,9 +1,8 @@
 """A session of marking charts: opened for the words of a command; what the page shows and sends, as plain values."""
 
 import base64
-import itertools
 import threading
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -66,15 +65,13 @@ class Session:
                 expected = list(propose(known, [view]))
                 taken = {chart.name for _, chart in known}
                 for chart in found:
-                    same = (
+                    names = [
                         p.chart.name for p in expected if overlap(chart.corners, p.chart.corners)
-                    )
-                    free = (
-                        name
-                        for number in itertools.count(1)
-                        if (name := f"chart{number}") not in taken
-                    )
-                    named = replace(chart, name=next(same, None) or next(free))
+                    ]
+                    # one of these is free
+                    numbered = [f"chart{n + 1}" for n in range(len(taken) + 1)]
+                    names += [name for name in numbered if name not in taken]
+                    named = replace(chart, name=names[0])
                     taken.add(named.name)
                     known.append((view, named))
                     self.file.propose([Proposal(view.name, named, "detector")])
@@ -151,7 +148,8 @@ class Session:
         chart = self._chart(view, "chart", kind, corners)
         about, shown = chart_kind(chart.kind), _picture(view)
         scale = _PREVIEW / max(about.width, about.height)
-        width, height = round(about.width * scale), round(about.height * scale)
+        width = round(about.width * scale)
+        height = round(about.height * scale)
         to_image = image_from_chart(chart.corners) @ np.diag([1 / width, 1 / height, 1])
         # OpenCV has pixel centres at whole numbers
         centres = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
@@ -186,22 +184,19 @@ class Session:
             entries = [(str(c["name"]), str(c["kind"]), c["corners"]) for c in charts]
         except (KeyError, TypeError) as fault:
             raise InputError(f"{view.name}: not a list of charts; reload the page") from fault
-        names = [name for name, _, _ in entries]
-        if len(set(names)) < len(names) or not all(
-            name.strip() and "/" not in name for name in names
-        ):
+        names = {name for name, _, _ in entries if name.strip() and "/" not in name}
+        if len(names) < len(entries):
             raise InputError(
                 f"{view.name}: charts need names, different ones and without '/'; rename them"
             )
         with self.lock:
-            before = {(c.name, c.kind, c.corners.tobytes()) for c in self.file.confirmed(view.name)}
+            before = _identities(self.file.confirmed(view.name))
             marked = [self._chart(view, *entry) for entry in entries]
             self.file.confirm(view.name, marked)
             for name in turned_down:
                 self.file.turn_down(view.name, str(name))
             # Unchanged charts are not proposed again: a dive may show one in a thousand views.
-            changed = before ^ {(c.name, c.kind, c.corners.tobytes()) for c in marked}
-            self._carry_over({name for name, *_ in changed})
+            self._carry_over({name for name, *_ in before ^ _identities(marked)})
             self.file.save()
         return self.state()
 
@@ -228,6 +223,10 @@ class Session:
         return views[number]
 
 
+def _identities(charts: Iterable[Chart]) -> set[tuple[str, str, bytes]]:
+    return {(chart.name, chart.kind, chart.corners.tobytes()) for chart in charts}
+
+
 def _picture(view: View, how: str = "none") -> Array:
     return display(view.rgb, how, view.encoding)
 
@@ -252,7 +251,7 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
             f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's"
         )
     selection = selections[0]
-    chosen = {view.name for view in selections[0].views}
+    chosen = {view.name for view in selection.views}
     options, plugin = selection.dataset.options, selection.dataset.plugin
     if not plugin.charts_file:
         known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]

@@ -14,7 +14,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -38,30 +38,26 @@ _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must 
 
 # Packages that take long to import; they belong inside the functions that use them.
 _HEAVY = {
-    *(
-        "torch",
-        "torchvision",
-        "tensorflow",
-        "jax",
-        "onnx",
-        "onnxruntime",
-        "numba",
-        "kornia",
-        "sklearn",
-        "scipy",
-    ),
-    *(
-        "skimage",
-        "cv2",
-        "colour",
-        "open3d",
-        "pycolmap",
-        "pandas",
-        "matplotlib",
-        "mlflow",
-        "hydra",
-        "psutil",
-    ),
+    "torch",
+    "torchvision",
+    "tensorflow",
+    "jax",
+    "onnx",
+    "onnxruntime",
+    "numba",
+    "kornia",
+    "sklearn",
+    "scipy",
+    "skimage",
+    "cv2",
+    "colour",
+    "open3d",
+    "pycolmap",
+    "pandas",
+    "matplotlib",
+    "mlflow",
+    "hydra",
+    "psutil",
 }
 # Imports a plugin, and prints the seconds of the processor and the packages that were new.
 _IMPORT = """
@@ -132,7 +128,8 @@ class Subject:
         return file == self.file or ((folder / "__init__.py").exists() and folder in file.parents)
 
 
-Rule = Callable[[Subject], Iterable[str]]
+Lines = Iterator[str]
+Rule = Callable[[Subject], Lines]
 
 
 class Outcome(NamedTuple):
@@ -304,7 +301,7 @@ def raised(subject: Subject, fault: BaseException) -> str:
 # -- rules for every plugin, none of which runs it -------------------------------------------------------------------
 
 
-def is_described(subject: Subject) -> Iterator[str]:
+def is_described(subject: Subject) -> Lines:
     """Is described, with the meaning of each option; a default has its option's type."""
     plugin, name = subject.plugin, subject.plugin.cls.__name__
     if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{name}("):
@@ -322,13 +319,13 @@ def is_described(subject: Subject) -> Iterator[str]:
             yield f"variant '{variant}' is not explained; say in variants= what sets it apart"
 
 
-def is_installed(subject: Subject) -> Iterator[str]:
+def is_installed(subject: Subject) -> Lines:
     """Is installed with all that it requires."""
     if lacking := absent(*subject.plugin.requires):
         yield str(lacking)
 
 
-def imports_lightly(subject: Subject) -> Iterator[str]:
+def imports_lightly(subject: Subject) -> Lines:
     """Is imported quickly, also in another process."""
     module = subject.plugin.cls.__module__
     # A module in no package is imported from the file that was loaded.

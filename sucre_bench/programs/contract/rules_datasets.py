@@ -14,14 +14,20 @@ from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Note, Rule, Subject
+from sucre_bench.programs.contract.contract import Lines, Note, Rule, Subject
 from sucre_bench.scene import Scene, View
 
 
 def rules(_: Plugin) -> list[Rule]:
     """Return the rules for a dataset."""
-    planes = [names_once, planes_are_sound, geometry_is_sound, has_what_it_says]
-    return [*planes, is_repeatable, names_what_is_missing]
+    return [
+        names_once,
+        planes_are_sound,
+        geometry_is_sound,
+        has_what_it_says,
+        is_repeatable,
+        names_what_is_missing,
+    ]
 
 
 def _opened(subject: Subject) -> list[Scene]:
@@ -36,7 +42,7 @@ def _views(subject: Subject, most: int) -> Iterator[tuple[str, View]]:
             yield f"{scene.name}/{scene.views[k].name}", scene.views[k]
 
 
-def names_once(subject: Subject) -> Iterator[str]:
+def names_once(subject: Subject) -> Lines:
     """Opens, and names every scene and view once."""
     scenes = _opened(subject)  # refuses duplicates
     for name in (view.name for scene in scenes for view in scene):
@@ -46,21 +52,20 @@ def names_once(subject: Subject) -> Iterator[str]:
     yield Note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
 
 
-def planes_are_sound(subject: Subject) -> Iterator[str]:
+def planes_are_sound(subject: Subject) -> Lines:
     """Gives images, depth and references of the right shape and range."""
     for where, view in _views(subject, 3):
         yield from (f"{where}: {fault}" for fault in _plane_faults(view))
 
 
-def _plane_faults(view: View) -> Iterator[str]:
+def _plane_faults(view: View) -> Lines:
     rgb, depth, reference = (view.pixels.load(plane) for plane in ("rgb", "depth", "reference"))
     if rgb is None or rgb.ndim != 3 or rgb.shape[2] != 3:
         yield f"rgb is {None if rgb is None else rgb.shape}; every view has (H, W, 3)"
         return
-    for name, image in {
-        "rgb": rgb,
-        **({} if reference is None else {"reference": reference}),
-    }.items():
+    for name, image in (("rgb", rgb), ("reference", reference)):
+        if image is None:
+            continue
         if image.dtype != np.float32:
             yield f"{name} is {image.dtype}; give float32"
         if not np.isfinite(image).all():
@@ -75,7 +80,7 @@ def _plane_faults(view: View) -> Iterator[str]:
         yield "depth is NaN or negative; what is unknown is 0"
 
 
-def geometry_is_sound(subject: Subject) -> Iterator[str]:
+def geometry_is_sound(subject: Subject) -> Lines:
     """Gives sound cameras, poses and charts."""
     for where, view in _views(subject, 30):
         camera = view.camera
@@ -92,17 +97,17 @@ def geometry_is_sound(subject: Subject) -> Iterator[str]:
             check_corners(chart.name, np.asarray(chart.corners, dtype=np.float64))
 
 
-def has_what_it_says(subject: Subject) -> Iterator[str]:
+def has_what_it_says(subject: Subject) -> Lines:
     """Declares what its scenes have."""
     for scene in _opened(subject):
         views = [scene.views[k] for k in evenly(len(scene), 30)]
         there = {
-            "poses": any(view.cam_from_world is not None for view in views),
-            "depth": any(view.pixels.load("depth") is not None for view in views),
-            "reference": any(view.pixels.load("reference") is not None for view in views),
-            "charts": any(view.charts for view in views),
-            "truth": scene.water is not None,
+            name: any(view.pixels.load(name) is not None for view in views)
+            for name in ("depth", "reference")
         }
+        there["poses"] = any(view.cam_from_world is not None for view in views)
+        there["charts"] = any(view.charts for view in views)
+        there["truth"] = scene.water is not None
         for name, found in there.items():
             if found and name not in scene.has:
                 yield f"{scene.name}: views have {name}, which `has` does not say; add it, or methods skip them"
@@ -112,7 +117,7 @@ def has_what_it_says(subject: Subject) -> Iterator[str]:
             yield f"{scene.name} has {', '.join(undeclared)}; add to has= of @dataset, which `list` shows"
 
 
-def is_repeatable(subject: Subject) -> Iterator[str]:
+def is_repeatable(subject: Subject) -> Lines:
     """Gives the same when it is opened again, with an id of its data."""
     first, second = _opened(subject), _opened(subject)
     if [(s.name, [v.name for v in s]) for s in first] != [
@@ -129,7 +134,7 @@ def is_repeatable(subject: Subject) -> Iterator[str]:
             yield f"{one.views[0].name}: another image when opened again; seed what is random"
 
 
-def names_what_is_missing(subject: Subject) -> Iterator[str]:
+def names_what_is_missing(subject: Subject) -> Lines:
     """Names a folder that is missing or empty, in one line."""
     asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.is_required]
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:

@@ -2,7 +2,6 @@
 
 import functools
 import random
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +11,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject, raised
+from sucre_bench.programs.contract.contract import Doubt, Lines, Note, Rule, Subject, raised
 from sucre_bench.programs.contract.made_scenes import (
     HARD,
     NOISE,
@@ -37,9 +36,9 @@ _HOLES[:, :20] = True
 def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a method."""
     of_colours = [restores_a_view, colours_what_is_valid, leaves_holes]
-    of_depth = [skips_what_has_no_depth] if "depth" in plugin.needs else []
-    of_needs = [runs_with_least, keeps_its_eyes_off]
-    return [*of_colours, *of_depth, *of_needs, is_deterministic, restores_a_scene]
+    if "depth" in plugin.needs:
+        of_colours.append(skips_what_has_no_depth)
+    return [*of_colours, runs_with_least, keeps_its_eyes_off, is_deterministic, restores_a_scene]
 
 
 _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
@@ -87,7 +86,7 @@ def _chart(left: float) -> Chart:
     return Chart("c", "dgk", np.array([[left, 4], [left + 30, 4], [left + 30, 24], [left, 24]]))
 
 
-def restores_a_view(subject: Subject) -> Iterator[str]:
+def restores_a_view(subject: Subject) -> Lines:
     """Restores a view of noise in water."""
     _plain(subject)
     if subject.factor > 1:
@@ -97,7 +96,7 @@ def restores_a_view(subject: Subject) -> Iterator[str]:
         )
 
 
-def colours_what_is_valid(subject: Subject) -> Iterator[str]:
+def colours_what_is_valid(subject: Subject) -> Lines:
     """Gives every valid pixel a finite colour, whatever the image."""
     heard = set[str]()  # a fault of every image is reported for the first
     for name, rgb in HARD.items():
@@ -123,7 +122,7 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
             yield f"{name}: {odd} pixels are NaN in some channels only; a pixel has a colour or none"
 
 
-def leaves_holes(subject: Subject) -> Iterator[str]:
+def leaves_holes(subject: Subject) -> Lines:
     """Gives no colour where there is no depth, if it needs depth; else one everywhere."""
     result = _of_rich(subject)
     if "depth" not in subject.plugin.needs:
@@ -136,7 +135,7 @@ def leaves_holes(subject: Subject) -> Iterator[str]:
         yield f"{coloured.sum()} of {coloured.size} pixels without depth get a colour; {remedy}"
 
 
-def skips_what_has_no_depth(subject: Subject) -> Iterator[str]:
+def skips_what_has_no_depth(subject: Subject) -> Lines:
     """Skips a view without depth, with the reason."""
     remedy = 'raise NotApplicableError(f"{view.name}: no pixel has depth")'
     try:
@@ -150,7 +149,7 @@ def skips_what_has_no_depth(subject: Subject) -> Iterator[str]:
         yield f"restores it all the same; {remedy}"
 
 
-def runs_with_least(subject: Subject) -> Iterator[str]:
+def runs_with_least(subject: Subject) -> Lines:
     """Runs with no more than it declares in needs=."""
     try:
         _restore(subject, least(_rich(), subject.plugin.needs))
@@ -182,7 +181,7 @@ def _is_same_with(subject: Subject, **other: Any) -> bool:
     return alike(_of_rich(subject).image, image)
 
 
-def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
+def keeps_its_eyes_off(subject: Subject) -> Lines:
     """Reads nothing that it does not declare in needs=."""
     undeclared = [need for need in _OTHERS if need not in subject.plugin.needs]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
@@ -201,7 +200,7 @@ def alike(one: Array, other: Array) -> bool:
     )
 
 
-def is_deterministic(subject: Subject) -> Iterator[str]:
+def is_deterministic(subject: Subject) -> Lines:
     """Gives the same result twice, whatever the seeds."""
     one = _plain(subject).image
     np.random.random()  # a plugin that draws from the common states gets other numbers
@@ -214,7 +213,7 @@ def is_deterministic(subject: Subject) -> Iterator[str]:
         yield f"the second time differs by up to {difference:.2g}; {remedy}"
 
 
-def restores_a_scene(subject: Subject) -> Iterator[str]:
+def restores_a_scene(subject: Subject) -> Lines:
     """Restores a view of a whole scene."""
     if not subject.on:
         raise NotApplicableError("no scene is chosen; name a dataset with --on")

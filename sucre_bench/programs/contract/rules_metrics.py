@@ -5,7 +5,7 @@ A metric scores one restored view, or pairs of them. `_rows` tries either kind o
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 import numpy as np
@@ -18,7 +18,7 @@ from sucre_bench.imaging.display import display
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Note, Rule, Subject
+from sucre_bench.programs.contract.contract import Lines, Note, Rule, Subject
 from sucre_bench.programs.contract.made_scenes import (
     HARD,
     TARGET,
@@ -85,7 +85,7 @@ def _restored(view: View, image: Array) -> RestoredView:
     )
 
 
-def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str]) -> Iterator[str]:
+def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str]) -> Lines:
     """Yield the faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
     low, high = subject.plugin.range
     for row in rows:
@@ -106,16 +106,17 @@ def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str]) -> I
         yield f"{where}: no score and no reason of {', '.join(silent)}; every variant of variants= is computed"
 
 
-def stays_in_range(subject: Subject) -> Iterator[str]:
+def stays_in_range(subject: Subject) -> Lines:
     """Stays in its range on difficult images."""
-    chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
+    chart = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]]))
+    heard = set[str]()
     for name, rgb in HARD.items():
         yield from _faults(
             subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard
         )
 
 
-def scores_no_holes(subject: Subject) -> Iterator[str]:
+def scores_no_holes(subject: Subject) -> Lines:
     """Gives no value where nothing has a colour."""
     rows = _rows(subject, charted(), holes=1.0, water=None)
     yield from _faults(subject, rows, "all NaN", set())
@@ -128,25 +129,21 @@ def scores_no_holes(subject: Subject) -> Iterator[str]:
             yield f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none"
 
 
-def runs_with_least(subject: Subject) -> Iterator[str]:
+def runs_with_least(subject: Subject) -> Lines:
     """Runs with no more than it declares in needs=."""
     # Without depth and poses the engine finds no points that two views share.
     needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
     scene = submerged() if subject.plugin.is_of_pairs else charted()
     rows = _rows(subject, least(scene, needs, cameras="depth" in needs))
     noun = "restored views" if subject.plugin.is_of_pairs else "a view"
-    yield from _faults(
-        subject,
-        rows,
-        f"{noun} with {' and '.join(sorted(needs - {'restored_views'})) or 'an image'}",
-        set(),
-    )
-    is_of_a_method = "restoration" in needs  # a made picture has no notes of a method
-    if not is_of_a_method and not any(row.status == "ok" for row in rows):
+    has = " and ".join(sorted(needs - {"restored_views"})) or "an image"
+    yield from _faults(subject, rows, f"{noun} with {has}", set())
+    # a made picture has no notes of a method
+    if "restoration" not in needs and not any(row.status == "ok" for row in rows):
         yield f"no variant gives a score there, {rows[0].reason}; add what it uses to needs="
 
 
-def prefers_the_truth(subject: Subject) -> Iterator[str]:
+def prefers_the_truth(subject: Subject) -> Lines:
     """Declares the better direction.
 
     Compare known answers: the reference with itself plus a cast, the true water with another.
@@ -181,7 +178,7 @@ def prefers_the_truth(subject: Subject) -> Iterator[str]:
         yield Note(f"{next(iter(perfect.values())):g} for a perfect result")
 
 
-def gives_the_same_twice(subject: Subject) -> Iterator[str]:
+def gives_the_same_twice(subject: Subject) -> Lines:
     """Gives the same score twice."""
     metric = subject.make()
     attempts: list[Callable[[str], Iterable[Score]]]

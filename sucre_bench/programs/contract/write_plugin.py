@@ -54,11 +54,7 @@ def write_new(
     if not checkout:
         _check_module(name, "module" if package else "file")
     cls = "".join(part.capitalize() for part in name.split("_"))
-    if cls in {
-        *dir(builtins),
-        *sucre_bench.__all__,
-        *_IMPORTED,
-    }:
+    if cls in {*dir(builtins), *sucre_bench.__all__, *_IMPORTED}:
         # the file and its test use these names
         cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}

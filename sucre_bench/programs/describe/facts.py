@@ -34,6 +34,8 @@ from sucre_bench.machine.progress import track
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.scene import Arrays, View
 
+Numbers = tuple[float, ...]
+
 _LONG_SIDE = 480  # pixels of a reduced view
 _FULL = 0.998  # a channel at or above this counts as saturated
 _AGREES = 0.05
@@ -71,12 +73,12 @@ class ViewFacts:
     depth_fault: str
     has_depth: bool
     has_reference: bool
-    focal: tuple[float, ...] | None
-    position: tuple[float, ...] | None
+    focal: Numbers | None
+    position: Numbers | None
     coverage: float
-    distances: tuple[float, ...] | None
-    mean: tuple[float, ...] = ()
-    spread: tuple[float, ...] = ()
+    distances: Numbers | None
+    mean: Numbers = ()
+    spread: Numbers = ()
     saturated: float = 0.0
     charts: tuple[ChartFacts, ...] = ()
 
@@ -200,7 +202,7 @@ def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts,
     return tuple(facts)
 
 
-def _floats(values: Array) -> tuple[float, ...]:
+def _floats(values: Array) -> Numbers:
     return tuple(float(value) for value in values)
 
 

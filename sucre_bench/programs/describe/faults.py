@@ -306,10 +306,8 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
     alive = [v for v in seen if max(v.spread) >= _FLAT]
     burnt = [v for v in alive if v.saturated > _SATURATED]
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
-    share, least = (
-        max((v.saturated for v in burnt), default=0),
-        min((v.coverage for v in holes), default=0),
-    )
+    share = max((v.saturated for v in burnt), default=0)
+    least = min((v.coverage for v in holes), default=0)
     lacking = f"depth on less than half of the image (least: {least:.0%}), so most of a restoration is a hole"
     denser = "" if is_prepared else "make denser depth maps with `sucre-bench prepare`, or "
     nearer = "no method brings it back; take nearer or raw images"
