@@ -27,16 +27,14 @@ _HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mea
 @click.command()
 @shared.words_argument("words", "[DATASET|FOLDER] [KEY=VALUE]...", completion.complete_words)
 @shared.json_option
-@shared.option(
+@shared.path_option(
     "--sheet",
-    of=shared.PATH,
     metavar="FILE",
     help="Where to write the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
 @shared.flag("--no-sheet", help="Write no contact sheet.")
-@shared.option(
+@shared.path_option(
     "--write-set",
-    of=shared.PATH,
     metavar="FILE.csv",
     help="Write the views' names, sizes and fingerprints as a test set, for dataset.split=FILE.csv.",
 )
@@ -246,7 +244,8 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             except KeyboardInterrupt:
                 click.echo("stopped; confirmed charts are stored")
     for view in session.everything:
-        marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
+        marked = session.file.confirmed(view.name)
+        proposed = session.file.proposed(view.name)
         if marked or proposed:
             open_ = f", {len(proposed)} to confirm" if proposed else ""
             click.echo(f"{view.name}: {counted(len(marked), 'chart')}{open_}")

@@ -1,7 +1,5 @@
 """`sucre-bench doctor`: lists what works on this machine."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import asdict
 from pathlib import Path

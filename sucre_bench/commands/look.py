@@ -1,7 +1,5 @@
 """`sucre-bench report` and `track`: results as a page, and in mlflow."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -18,25 +18,21 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
 @click.command()
 @shared.argument("photos")
 @shared.argument("out")
-@shared.option(
+@shared.path_option(
     "--masks",
-    of=shared.PATH,
     help="Folder of masks: a.jpg.png or a.png for a.jpg. Black pixels get no matches and no depth.",
 )
-@shared.option(
+@shared.path_option(
     "--model",
-    of=shared.PATH,
     help="Model of another program, whose camera positions are kept: folder of COLMAP, hloc, Metashape or nerfstudio.",
 )
-@shared.option(
+@shared.path_option(
     "--mesh",
-    of=shared.PATH,
     metavar="FILE",
     help="Mesh in the coordinates of --model, .ply, .obj or .glb: its depths are taken.",
 )
-@shared.option(
+@shared.path_option(
     "--depth",
-    of=shared.PATH,
     metavar="FOLDER",
     help="Depth or disparity maps of the photos in any unit, .npy, .npz, .png, .tif or .exr. They are fitted to the"
     " sparse points.",
@@ -103,9 +99,8 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     metavar="IMAGE X Y X Y METRES",
     help="Distance between two pixels of an undistorted image; may be repeated.",
 )
-@shared.option(
+@shared.path_option(
     "--depth-track",
-    of=shared.PATH,
     metavar="CSV",
     help="Table with the columns image,depth: metres below the water's surface.",
 )

@@ -24,10 +24,9 @@ if TYPE_CHECKING:
 @shared.words_argument("overrides", "[EXPERIMENT.yaml] [KEY=VALUE]...", completion.complete_words)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
-@shared.option(
+@shared.path_option(
     "--config-dir",
     "-cd",
-    of=shared.PATH,
     help="A folder of yours with configs: method/, experiment/ ...",
 )
 @shared.option(

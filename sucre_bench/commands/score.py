@@ -28,9 +28,8 @@ _MOST_VARIANTS = 10  # that a table shows
 
 @click.command()
 @shared.argument("images")
-@shared.option(
+@shared.path_option(
     "--reference",
-    of=shared.PATH,
     help="Folder of images with the same names (any suffix), or one image.",
 )
 @shared.option(
@@ -47,7 +46,7 @@ _MOST_VARIANTS = 10  # that a table shows
 )
 @shared.option("--format", "how", of=("terminal", "csv", "json"), help="Format of the scores.")
 @shared.flag("--json", "as_json", help="The same as --format json.")
-@shared.option("--csv", "file", of=shared.PATH, help="Also write every score to this CSV file.")
+@shared.path_option("--csv", "file", help="Also write every score to this CSV file.")
 @shared.plugin_option
 @shared.force_option
 def score(

@@ -60,6 +60,9 @@ def option(*names: str, of: Any = None, help: str, **settings: Any) -> Callable[
     return click.option(*names, type=of, help=help, **{"show_default": shows, **settings})
 
 
+path_option = partial(option, of=PATH)
+
+
 def print_json(value: Any) -> None:
     """Print a value on stdout as JSON: what --json shows. NaN and infinity are null."""
     click.echo(json_text(value))
