@@ -11,18 +11,15 @@ from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from sucre_bench.engine.preflight import base_row
+from sucre_bench.engine.preflight import Planned, base_row
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.text_formats import now
 from sucre_bench.reports.mlflow.runs import JobKey, Runs, jobs_of, log
 from sucre_bench.reports.mlflow.store import Place, prepare, reported
 from sucre_bench.results.rows import Row, values_of
 from sucre_bench.results.table import PARTS, read_part
-
-if TYPE_CHECKING:
-    from sucre_bench.engine.preflight import Planned
 
 _EVERY_S = 1.0  # looks for new rows
 _PAUSE_S = 20.0  # until mlflow is tried again after a fault

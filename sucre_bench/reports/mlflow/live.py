@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
-from sucre_bench.engine.preflight import base_row
+from sucre_bench.engine.preflight import Planned, base_row
 from sucre_bench.errors import SucreBenchError
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import Forked, call, can_fork
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports.mlflow.follow import Follower, PlannedViews, follow
 from sucre_bench.reports.mlflow.runs import log
 from sucre_bench.reports.mlflow.store import Note, Place
-
-if TYPE_CHECKING:
-    from sucre_bench.engine.preflight import Planned
-    from sucre_bench.jobs.job import Job
 
 
 class Live:

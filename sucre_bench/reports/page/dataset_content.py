@@ -30,10 +30,12 @@ from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.gallery import Gallery
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, chart_content
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, Places, chart_content
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import FILES, read_record
 from sucre_bench.results.rows import RESTORATION, restoration_rows, tuples
+
+Content = dict[str, Any]  # what the template, or the script, reads
 
 _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
@@ -51,7 +53,7 @@ _OF_COLUMN = (
 _WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 
-def heading(column: Column) -> dict[str, Any]:
+def heading(column: Column) -> Content:
     """Return the head of a column. kind: "describes", without a better, and no cost: shown when asked for; or "dim"."""
     describes = not column.directed and column.metric not in (*COSTS, FILLED)
     count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
@@ -66,14 +68,15 @@ def heading(column: Column) -> dict[str, Any]:
     }
 
 
-def cells(table: Comparison, column: Column) -> list[dict[str, Any] | None]:
+def cells(table: Comparison, column: Column) -> list[Content | None]:
     """Return a column's cells, a method each, with the marks that every table gives them; None: no score."""
     known = [cell for name in table.methods if (cell := table.cells.get((name, column)))]
     ends = [end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)]
     low, high = min(ends, default=0.0), max(ends, default=0.0)
-    made: list[dict[str, Any] | None] = []
+    made: list[Content | None] = []
     for name in table.methods:
-        cell, marks = table.cells.get((name, column)), shown(table, name, column)
+        cell = table.cells.get((name, column))
+        marks = shown(table, name, column)
         if cell is None:
             made.append(None)
             continue
@@ -119,9 +122,9 @@ class Section:
     table: Comparison
     gallery: Gallery
     plugins: tuple[str, ...]
-    places: Mapping[str, int]
+    places: Places
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Content:
         """Return what the template shows of the dataset, and under "data" what the script reads."""
         methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
@@ -185,7 +188,7 @@ class Section:
 
     # -- the table -------------------------------------------------------------------------------------------
 
-    def _rows(self) -> list[dict[str, Any]]:
+    def _rows(self) -> list[Content]:
         """The table's rows: by the main score, the photograph below the methods."""
         table = replace(self.table, methods=best_first(self.table, self._main))
         columns = [cells(table, column) for column in self._columns]
@@ -224,7 +227,7 @@ class Section:
 
     # -- its views -------------------------------------------------------------------------------------------
 
-    def _data(self) -> dict[str, Any]:
+    def _data(self) -> Content:
         """The views with pictures and scores, a result a method."""
         methods = [(name, self._rerun(name)) for name in self.table.methods]
         return {
@@ -264,7 +267,7 @@ class Section:
         return len(set(self.rows["scene"]) - {""}) > 1
 
     @cached_property
-    def _views(self) -> list[dict[str, Any]]:
+    def _views(self) -> list[Content]:
         """The views; of as many as may be, spread evenly, the page keeps the pictures."""
         restored = {
             (row.scene, row.view, row.method): row for row in tuples(restoration_rows(self.rows))
@@ -307,7 +310,7 @@ class Section:
         row: Any,
         scores: Mapping[str, tuple[float, float]],
         kept: bool,
-    ) -> dict[str, Any]:
+    ) -> Content:
         """What the script reads of a method's restoration of a view. scores: by their key, each with its coverage."""
         if row is None or row.status != "ok":
             return (

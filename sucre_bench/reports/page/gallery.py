@@ -4,8 +4,6 @@ A thumbnail is a WebP file in base64, in a block of its own that the page decode
 stays where it is, and the page reads it from there when someone looks closer.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterator, Sequence
@@ -92,13 +90,12 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]
     with suppress(InputError):  # a damaged mask
         mask = read_mask(path) if has_holes else None
-        blocks += (
-            [] if mask is None or mask.shape != image.shape[:2] else [_holes(name, mask, image)]
-        )
-    arrays = (
-        read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
-    )
-    if (confidence := arrays.get("confidence")) is not None and np.isfinite(confidence).any():
+        if mask is not None and mask.shape == image.shape[:2]:
+            blocks.append(_holes(name, mask, image))
+    if path.suffix != ".png":
+        return blocks
+    confidence = read_full_arrays(path.with_suffix(".npz"), "confidence").get("confidence")
+    if confidence is not None and np.isfinite(confidence).any():
         # From dark (small) to bright, between the percentiles 2 and 98.
         known = np.isfinite(confidence)
         low, high = np.percentile(confidence[known], [2, 98])

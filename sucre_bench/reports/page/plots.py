@@ -19,6 +19,7 @@ from sucre_bench.reports.metric_roles import metrics_of, roles
 from sucre_bench.results.rows import values_of
 
 Figure = dict[str, Any]
+Places = Mapping[str, int]  # of every method, its place among all of the page
 
 CHANNELS = {"red": "#d1495b", "green": "#3a9d5d", "blue": "#3d7dd8"}
 # Of a water: its parameter, the symbol that tables show, the title of its plot, its unit.
@@ -105,9 +106,7 @@ def legend(names: Sequence[str]) -> Figure:
     return {"showlegend": True, "legend": below, "margin": margin, "height": _TALL + 22 * rows}
 
 
-def cost(
-    table: Comparison, column: Column, seconds: Column, places: Mapping[str, int]
-) -> Figure | None:
+def cost(table: Comparison, column: Column, seconds: Column, places: Places) -> Figure | None:
     """Return a score against the seconds a view; None where no method has both. places: see `look`."""
     known = [
         (name, cell, took)
@@ -153,7 +152,7 @@ def cost(
 
 
 def over_datasets(
-    tables: Sequence[Comparison], columns: Sequence[Column | None], names: Mapping[str, int]
+    tables: Sequence[Comparison], columns: Sequence[Column | None], names: Places
 ) -> Figure:
     """Return a score over datasets, a line a method. columns: the score's in each table; names: see `look`."""
     lines = []
@@ -277,7 +276,7 @@ class Chart:
 def chart_content(
     rows: DataFrame,
     columns: Sequence[Column],
-    methods: Mapping[str, int],
+    methods: Places,
     names: Mapping[tuple[str, str], str],
 ) -> dict[str, list[Choice]]:
     """Return the lists of swatches, errors over distance, and hues over distance that the page offers of a dataset.
@@ -363,7 +362,7 @@ def _swatches(
 
 
 def _distances(
-    charts: Sequence[Chart], near_first: Sequence[Chart], column: Column, methods: Mapping[str, int]
+    charts: Sequence[Chart], near_first: Sequence[Chart], column: Column, methods: Places
 ) -> Choice:
     """A score of charts over their distance, as plot and in numbers."""
     key = column.key
@@ -376,7 +375,8 @@ def _distances(
         ]
         words = [text(f"{chart.view} · {chart.name}") for chart, _ in known]
         hover = f"%{{text}}<br>%{{x:.2f}} m, %{{y:.3g}} {column.unit}"
-        x, y = [chart.distance for chart, _ in known], [value for _, value in known]
+        x = [chart.distance for chart, _ in known]
+        y = [value for _, value in known]
         lines.append(line(name, place, x, y, hover, text=words))
     axes = (
         {"title": {"text": "distance of the chart, m"}},
@@ -391,7 +391,7 @@ def _distances(
     return Choice(title(column), figures, {"rows": table})
 
 
-def _hues(near_first: Sequence[Chart], methods: Mapping[str, int]) -> list[Choice]:
+def _hues(near_first: Sequence[Chart], methods: Places) -> list[Choice]:
     """The hue of every patch over distance, for each way of measuring hue and each kind of chart."""
     keys = dict.fromkeys(
         key for chart in near_first for scores in chart.patches.values() for key in scores
@@ -418,7 +418,7 @@ def _hues(near_first: Sequence[Chart], methods: Mapping[str, int]) -> list[Choic
     return choices
 
 
-def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Mapping[str, int]) -> Figure:
+def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Places) -> Figure:
     """The hue of one patch over distance; hues stand within half a turn of the expected one, in degrees."""
     scores = [chart.patches[patch] for chart in charts]
     expected = _first(
@@ -430,10 +430,8 @@ def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Mapping[str, in
             (chart.distance, _at(of_chart, key, name))
             for chart, of_chart in zip(charts, scores, strict=True)
         ]
-        x, y = (
-            [away for away, hue in known if hue is not None],
-            [hue for _, hue in known if hue is not None],
-        )
+        x = [away for away, hue in known if hue is not None]
+        y = [hue for _, hue in known if hue is not None]
         turned = (
             y if expected is None else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
         )

@@ -9,7 +9,7 @@ import base64
 import functools
 import gzip
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, Places
 from sucre_bench.reports.paper import style
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import unscored, without_view
@@ -121,9 +121,7 @@ def _packed(script: str) -> str:
     return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode() if script else ""
 
 
-def _sweep(
-    tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]
-) -> list[Choice]:
+def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Places) -> list[Choice]:
     """Each score over all datasets, as a plot and in numbers; those that decide first.
 
     datasets: as `Section.content` has them.
@@ -152,7 +150,7 @@ def _sweep(
     return made
 
 
-def _method_colours(places: Mapping[str, int]) -> str:
+def _method_colours(places: Places) -> str:
     """The style sheet's colours of the methods, lifted where one would not be seen on dark."""
     lines = []
     for look, place in zip(style.looks(places).values(), places.values(), strict=True):

@@ -45,7 +45,8 @@ def charts(results: StudyResults) -> Iterator[Drawn]:
             f"no errors of colour charts; {adding(*_ERRORS, 'chart-distance')}"
         )
     for name, of_dataset in style.each_dataset(seen):
-        placed, methods = _with_places(of_dataset), list(dict.fromkeys(of_dataset["method"]))
+        placed = _with_places(of_dataset)
+        methods = list(dict.fromkeys(of_dataset["method"]))
         step = 0.004 * np.ptp(placed["place"])  # beside each other, that bars do not hide bars
         shift = placed["method"].map(methods.index) - (len(methods) - 1) / 2
         is_patch = placed["region"].str.contains("/", regex=False)

@@ -121,7 +121,8 @@ def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str
 
 def _normal(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
     normal = record["residuals"]["normal"]
-    z, quantiles = np.array(normal["z"]), np.array(normal["quantiles"][channel])
+    z = np.array(normal["z"])
+    quantiles = np.array(normal["quantiles"][channel])
     low, high = np.interp((-0.6745, 0.6745), z, quantiles)
     panel.plot(z, (low + high) / 2 + z * (high - low) / 1.349, "k--", linewidth=0.9)
     panel.plot(z, quantiles, ".", color=colour, markersize=2.5)
@@ -131,11 +132,10 @@ def _fits(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> 
     of_channel = record["residuals"]["against_fit"][list(style.CHANNELS)[channel]]
     counts = np.array(of_channel["counts"], dtype=float).T
     (low, high), (first, last) = of_channel["residual"], of_channel["fit"]
-    heights, fits = (
-        np.linspace(low, high, counts.shape[0] + 1),
-        np.linspace(first, last, counts.shape[1] + 1),
-    )
-    norm, shown = LogNorm(1, max(counts.max(), 2)), np.ma.masked_equal(counts, 0)
+    heights = np.linspace(low, high, counts.shape[0] + 1)
+    fits = np.linspace(first, last, counts.shape[1] + 1)
+    norm = LogNorm(1, max(counts.max(), 2))
+    shown = np.ma.masked_equal(counts, 0)
     panel.pcolormesh(fits, heights, shown, norm=norm, cmap="Greys", rasterized=True)
     middle = (fits[:-1] + fits[1:]) / 2
     low, median, high = (
@@ -277,10 +277,8 @@ def water(results: StudyResults) -> Iterator[Drawn]:
 
 def _parameter(panel: Axes, estimates: DataFrame, parameter: str, truth: Sequence[float]) -> None:
     for place, (channel, marker) in enumerate(_MARKERS.items()):
-        of_channel, colour = (
-            estimates[estimates["variant"] == f"{parameter}-{channel}"],
-            style.CHANNELS[channel],
-        )
+        of_channel = estimates[estimates["variant"] == f"{parameter}-{channel}"]
+        colour = style.CHANNELS[channel]
         dots: Any = {"color": colour, "marker": marker, "label": channel}
         panel.scatter(of_channel["variance"], of_channel["value"], s=9, linewidths=0, **dots)
         if truth:

@@ -62,7 +62,8 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
             and (place := layout.find(dataset, scene, view, out))
             and place.original(out).is_file()
         }
-        views = {list(views)[n]: list(views.values())[n] for n in evenly(len(views), _MOST_VIEWS)}
+        every = [*views.items()]
+        views = dict(every[n] for n in evenly(len(every), _MOST_VIEWS))
         has_reference = any(place.reference(out).is_file() for place in views.values())
         # the photograph is there as "input"
         same = {name for table in results.comparisons for name in table.photographs}
@@ -97,7 +98,8 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
     figure.set_layout_engine("none")  # pictures keep their shape
     files = list(columns.values())
     for (r, c), panel in np.ndenumerate(axes):
-        left, bottom = _TEXT + c * (width + _GAP), (len(views) - r - 1) * (height + _GAP)
+        left = _TEXT + c * (width + _GAP)
+        bottom = (len(views) - r - 1) * (height + _GAP)
         panel.set_position(
             (left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total)
         )

@@ -157,7 +157,8 @@ def against(results: StudyResults) -> Iterator[Drawn]:
                 panel.plot(
                     where, [cell.mean for cell in cells], color=colour, marker=marker, label=method
                 )
-                low, high = [cell.low for cell in cells], [cell.high for cell in cells]
+                low = [cell.low for cell in cells]
+                high = [cell.high for cell in cells]
                 panel.fill_between(where, low, high, color=colour, alpha=0.12, linewidth=0)
             panel.set_ylabel(f"{title(column)} ({column.variant})")
             panel.grid(axis="y")
