@@ -39,12 +39,12 @@ _RESERVED = frozenset({"name", "label", "display", "variants"})
 class Registry:
     """What is known of plugins.
 
-    files: modules of plugin files, by the path they were loaded from; known: the plugins of a kind, and those found by
-    their name alone, each by name.
+    files: modules of plugin files, by the path they were loaded from; known: the plugins that were found of a kind by
+    a name, of all names where it is empty, each by its own.
     """
 
     files: dict[Path, ModuleType] = field(default_factory=dict)
-    known: dict[Kind | tuple[Kind, str], dict[str, Plugin | Broken]] = field(default_factory=dict)
+    known: dict[tuple[Kind, str], dict[str, Plugin | Broken]] = field(default_factory=dict)
 
     def copy(self) -> Registry:
         """Return a registry with the same plugins; what is loaded into one of them is not in the other."""
@@ -98,10 +98,7 @@ def is_loaded(path: str | Path) -> bool:
 
 def discover(kind: Kind) -> dict[str, Plugin | Broken]:
     """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-    known = _current.get().known
-    if kind not in known:
-        known[kind] = _found(kind)
-    return known[kind]
+    return _known(kind, "")
 
 
 def usable(kind: Kind) -> dict[str, Plugin]:
@@ -109,11 +106,16 @@ def usable(kind: Kind) -> dict[str, Plugin]:
     return {name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)}
 
 
-def _entry(kind: Kind, name: str) -> Plugin | Broken | None:
+def _known(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     known = _current.get().known
-    if kind not in known and (kind, name) not in known:
+    if (kind, name) not in known:
         known[kind, name] = _found(kind, name)
-    return known[kind if kind in known else (kind, name)].get(name)
+    return known[kind, name]
+
+
+def _entry(kind: Kind, name: str) -> Plugin | Broken | None:
+    is_complete = (kind, "") in _current.get().known
+    return _known(kind, "" if is_complete else name).get(name)
 
 
 def get(kind: Kind, name: str) -> Plugin | None:
@@ -139,7 +141,7 @@ def find(kind: Kind, name: str) -> Plugin:
     return plugin
 
 
-def _found(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
+def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     """Import plugins of a kind. name: leave out modules of this package that cannot define a plugin of this name."""
     package, entries = importlib.import_module(f"sucre_bench.{kind}s"), list[Plugin | Broken]()
     for info in pkgutil.iter_modules(package.__path__):
