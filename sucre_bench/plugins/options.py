@@ -53,12 +53,15 @@ class Option:
         return field_docs(self.cls).get(self.name, "")
 
     @property
+    def kinds(self) -> tuple[Any, ...]:
+        """Its type, and what that is made of: `Path | None` also is a path."""
+        return self.type, *get_args(self.type)
+
+    @property
     def choices(self) -> tuple[str, ...]:
         """The words a Literal admits, also one that is an alternative to a path or text; empty for any other type."""
-        kinds = (self.type, *get_args(self.type))
-        return tuple(
-            word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)
-        )
+        words = (get_args(kind) for kind in self.kinds if get_origin(kind) is Literal)
+        return tuple(itertools.chain(*words))
 
     @property
     def is_closed(self) -> bool:
@@ -121,19 +124,17 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        kind = known[name].type
+        option = known[name]
         paths = value if isinstance(value, (list, tuple)) else [value]
-        if Path in (kind, *get_args(kind)) and any(
-            isinstance(path, str) and not path.strip() for path in paths
-        ):
+        is_blank = any(isinstance(path, str) and not path.strip() for path in paths)
+        if is_blank and Path in option.kinds:
             # else it would be the current folder
             raise InputError("is empty", where, "give a path")
-        value = typed(kind, value)
-        if known[name].is_closed and value not in known[name].choices:
-            raise InputError(
-                f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices)
-            )
-        check_argument(where, value, kind)
+        value = typed(option.type, value)
+        if option.is_closed and value not in option.choices:
+            remedy = did_you_mean(str(value), option.choices)
+            raise InputError(f"'{value}' is not a choice", where, remedy)
+        check_argument(where, value, option.type)
         each = value if isinstance(value, (list, tuple)) else [value]
         # Options of a run have ranges, which name the numbers that are allowed.
         if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
@@ -148,19 +149,12 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
 
 def typed(annotation: Any, value: Any) -> Any:
     """Return a value as an option's type has it, if it can be: text as path or number, 2 as 2.0, a list as a tuple."""
-    if isinstance(value, (list, tuple)):  # of "a word, or a list of words" the list
-        kinds = (annotation, *get_args(annotation))
-        annotation = next(
-            (kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)), annotation
-        )
-    origin = get_origin(annotation)
     kinds = (annotation, *get_args(annotation))
-    if origin in (tuple, list) or origin is Sequence:
-        if not isinstance(value, (list, tuple)):
-            return value
-        elements = [typed(kinds[1], one) for one in value]
-        return tuple(elements) if origin is tuple else elements
-    if not isinstance(value, (str, Path, int, float)):
+    lists = [kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)]
+    if lists and isinstance(value, (list, tuple)):
+        elements = [typed(get_args(lists[0])[0], one) for one in value]
+        return tuple(elements) if get_origin(lists[0]) is tuple else elements
+    if annotation in lists or not isinstance(value, (str, Path, int, float)):
         return value
     # as it was typed: a file may be called true
     text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -189,10 +183,10 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
     in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
     """
-    types = {option.name: option.type for option in options_of(type(options))}
+    kinds_of = {option.name: option.kinds for option in options_of(type(options))}
     for option, interval in ranges.items():
         value = getattr(options, option)
-        kinds = (types[option], *get_args(types[option]))
+        kinds = kinds_of[option]
         is_whole, is_many, is_optional = (
             float not in kinds,
             get_origin(kinds[0]) is tuple,
@@ -222,7 +216,7 @@ def plain_value(value: Any) -> Any:
     return [*map(plain_value, value)] if isinstance(value, (list, tuple)) else value
 
 
-def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate: int) -> int:
+def seed_of(seed: int, axis: Kind | Literal["degrade"], replicate: int) -> int:
     """Return the seed that an axis draws with in a replicate, at most 32 bits.
 
     Dataset, degradation and method each have their own, and every replicate has new ones. All methods of one replicate
@@ -299,12 +293,9 @@ class Choice:
     @property
     def seed(self) -> int | None:
         """The seed it draws with; None where it draws nothing."""
-        axis: Literal["dataset", "method"] = (
-            "dataset" if self.plugin.kind == "dataset" else "method"
-        )
-        return (
-            seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
-        )
+        if "seed" not in self.options:
+            return None
+        return seed_of(self.options["seed"], self.plugin.kind, self.replicate)
 
     @property
     def rests_on(self) -> tuple[list[Plugin], list[Path]]:
@@ -320,11 +311,7 @@ class Choice:
     def record(self) -> dict[str, Any]:
         """What a row keeps as options."""
         display = {"display": self.display} if self.display else {}
-        return {
-            "name": self.plugin.name,
-            **display,
-            **{k: plain_value(v) for k, v in self.options.items()},
-        }
+        return {"name": self.plugin.name, **display, **plain_value(self.options)}
 
 
 def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
