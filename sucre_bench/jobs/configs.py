@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 CONFIGS = "pkg://sucre_bench.conf"
-_places: ContextVar[tuple[str, ...]] = ContextVar("places of configs", default=())
-
-
-_config_name: ContextVar[str] = ContextVar("name of the primary config", default="config")
+# The places of configs before conf/, and the name of the configuration to begin with.
+_search: ContextVar[tuple[tuple[str, ...], str]] = ContextVar("search", default=((), "config"))
 
 
 @contextmanager
@@ -34,22 +32,22 @@ def searching(*places: str, config: str = "") -> Iterator[None]:
 
     config: the name of the configuration to begin with.
     """
-    tokens = _places.set((*places, *_places.get())), _config_name.set(config or _config_name.get())
+    before, name = _search.get()
+    token = _search.set(((*places, *before), config or name))
     try:
         yield
     finally:
-        _places.reset(tokens[0])
-        _config_name.reset(tokens[1])
+        _search.reset(token)
 
 
 def config_name() -> str:
     """Return the name of the configuration to begin with."""
-    return _config_name.get()
+    return _search.get()[1]
 
 
 def hydra_app() -> Hydra:
     """Return Hydra as its own programs have it, with the search path of this command."""
-    return _hydra_app(_places.get())
+    return _hydra_app(_search.get()[0])
 
 
 def loader() -> Any:
@@ -196,17 +194,17 @@ def current(config: DictConfig) -> Iterator[None]:
 
 def choices() -> dict[str, str]:
     """Return what the configuration that Hydra begins with, and those in its defaults list, choose of each group."""
-    return _choices(_places.get(), config_name())
+    return _choices(_search.get())
 
 
 @functools.cache
-def _choices(places: tuple[str, ...], name: str) -> dict[str, str]:
+def _choices(search: tuple[tuple[str, ...], str]) -> dict[str, str]:
     from hydra.types import RunMode
 
-    is_ours = not places and name == "config"
+    is_ours = search == ((), "config")
     without_metrics = ["metrics=[]"] if is_ours else []  # Hydra would import each
     with faults_of_hydra(()):
-        found = loader().compute_defaults_list(name, without_metrics, RunMode.RUN)
+        found = loader().compute_defaults_list(search[1], without_metrics, RunMode.RUN)
     return {group: str(chosen) for group, chosen in found.overrides.known_choices.items()}
 
 
@@ -218,7 +216,7 @@ def metrics_of_every_run() -> set[str]:
 
 def preset(group: str, name: str) -> dict[str, Any] | None:
     """Return what a file of a group, `method/sucre_exact` for example, comes to; None where there is no such file."""
-    return _preset(_places.get(), group, name)
+    return _preset(_search.get()[0], group, name)
 
 
 @functools.cache
