@@ -13,21 +13,15 @@ from typing import Any
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.asked import KINDS
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.run_options import Study
+from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.words import given, literal, undegraded_label, value_of
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.options import default_values, plain_value
+from sucre_bench.plugins.options import plain_value
 
 EXPERIMENT = "experiment.yaml"
 # Settings of a command that an experiment has where they are not as by default.
-_RECORDED: dict[str, Any] = {
-    "every": 1,
-    "first": None,
-    "seed": 0,
-    "save": "display",
-    "baseline": "",
-}
+_RECORDED = ("every", "first", "seed", "save", "baseline", "views", "plugins")
 
 
 def record_experiment(jobs: Sequence[Job]) -> None:
@@ -61,22 +55,13 @@ def record_experiment(jobs: Sequence[Job]) -> None:
                 "variants": list(metric.variants),
                 **given("metric", metric.record),
             }
-    replicates = {job.replicate for job in jobs} | set(
-        content.get("replicates", {0} if content else ())
-    )
-    settings = {
-        name: getattr(first, name)
-        for name, default in _RECORDED.items()
-        if getattr(first, name) != default
-    }
-    if first.views is not None:
-        settings["views"] = list(first.views)
-    if first.plugins:
-        settings["plugins"] = list(first.plugins)
+    replicates = {job.replicate for job in jobs} | set(content.get("replicates", ()))
+    usual = RunConfig.defaults()
+    now = {name: plain_value(getattr(first, name)) for name in _RECORDED}
+    settings = {name: value for name, value in now.items() if value != usual[name]}
     if first.study:
-        study = {name: plain_value(value) for name, value in vars(first.study).items()}
-        usual = default_values(Study)
-        settings["study"] = {name: v for name, v in study.items() if v != usual[name]}
+        study = plain_value(vars(first.study))
+        settings["study"] = {name: v for name, v in study.items() if v != usual["study"][name]}
     sweeper = {f"{kind}s": [*listed[kind].values()] for kind in KINDS}
     if replicates != {0}:
         sweeper["params"] = {"replicate": value_of(sorted(replicates))[1:-1]}
