@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from sucre_bench import plugins
@@ -23,6 +22,7 @@ from sucre_bench.jobs.run_options import RunConfig, Shard
 from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
+from sucre_bench.plugins.plugin import Kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Job(RunConfig):
         cls,
         values: Mapping[str, Any],
         swept: Sequence[str] = (),
-        words: Mapping[str, str] = MappingProxyType({}),
+        words: Mapping[str, str] | None = None,
     ) -> Job:
         """Read a configuration. swept: the keys that a sweep varies; labels name their values.
 
@@ -62,33 +62,34 @@ class Job(RunConfig):
         Raises InputError for an option that is unknown, and for a value that is not acceptable.
         """
         run = RunConfig.of(values)
-        given = plugin_choice("dataset", run.dataset, words.get("dataset", ""))
-        dataset = _labelled(given, swept)
-        given = plugin_choice("method", run.method, words.get("method", ""))
-        method = _labelled(given, swept)
-        if pinned := getattr(method.plugin.cls, "pinned", None):
-            # the options as rows are to record them
-            method = replace(method, options=pinned(method.options))
+        typed = words or {}
         plain = dict(values)
-        for kind, choice in (("dataset", dataset), ("method", method)):
+        chosen = dict[str, Choice]()
+        given: dict[Kind, Any] = {"dataset": run.dataset, "method": run.method}
+        for kind, options in given.items():
+            choice = _labelled(plugin_choice(kind, options, typed.get(kind, "")), swept)
+            if pinned := getattr(choice.plugin.cls, "pinned", None):
+                # the options as rows are to record them
+                choice = replace(choice, options=pinned(choice.options))
             # A label that says no more than the name stays open: `read` knows no sweep.
             label = None if choice.label == choice.plugin.name else choice.label
             plain[kind] = {**values[kind], "label": label, **choice.record}
-        dataset = replace(
-            dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate
-        )
-        made: dict[str, Any] = {
-            "dataset": dataset,
-            "method": replace(method, replicate=run.replicate),
-        }
+            chosen[kind] = replace(choice, replicate=run.replicate)
+        dataset = chosen["dataset"]
         metrics = chosen_metrics(run.metrics)
         plain["metrics"] = {
             one.plugin.name: {**one.record, "variants": one.variants} for one in metrics
         }
-        made |= {"metrics": metrics, "views": _view_names(run.views), "values": plain_value(plain)}
-        made["study"] = run.study and replace(
-            run.study, baseline=run.study.baseline or run.baseline
-        )
+        made: dict[str, Any] = {
+            "dataset": replace(dataset, label=run.degrade.labelled(dataset.label)),
+            "method": chosen["method"],
+            "metrics": metrics,
+            "views": _view_names(run.views),
+            "values": plain_value(plain),
+        }
+        if run.study:
+            baseline = run.study.baseline or run.baseline
+            made["study"] = replace(run.study, baseline=baseline)
         return cls(**{**vars(run), **made})
 
 
@@ -144,7 +145,7 @@ def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> st
 
     if not is_sweep:
         return str(yaml.safe_dump(jobs[0].values, sort_keys=False, allow_unicode=True))
-    each = [dict(job.values) for job in jobs]
+    each = [job.values for job in jobs]
     shared = {
         key: value for key, value in each[0].items() if all(one[key] == value for one in each)
     }
