@@ -149,14 +149,14 @@ def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
     """Return metrics and their variants: those named as `metrics_of` takes them, then metric objects."""
     metrics = list(metrics)
-    made = [metric for metric in metrics if not isinstance(metric, str)]
-    plugins_of = [(plugins.plugin_of(metric), vars(metric)) for metric in made]
-    objects = tuple(
-        Choice(plugin, plugin.name, options, variants=plugin.default)
-        for plugin, options in plugins_of
-    )
     names = [metric for metric in metrics if isinstance(metric, str)]
-    return (*(chosen_metrics(metrics_of(names)) if names or not objects else ()), *objects)
+    objects = list[Choice]()
+    for metric in metrics:
+        if not isinstance(metric, str):
+            plugin = plugins.plugin_of(metric)
+            objects.append(Choice(plugin, plugin.name, vars(metric), variants=plugin.default))
+    chosen = chosen_metrics(metrics_of(names)) if names or not objects else ()
+    return (*chosen, *objects)
 
 
 def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
@@ -228,15 +228,11 @@ def recognised(folder: Path) -> str:
         # Datasets with a licence are published data.
         of_users = (p for p in plugins.usable("dataset").values() if p.signs and not p.licence)
         looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
-        remedy = (
-            f"give {typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
-        )
         fault = f"holds none of {looked_for}, and no published dataset"
-        raise (
-            InputError(fault, typed(folder), remedy)
-            if inner
-            else no_image(folder, fault, remedy, typed(folder))
-        )
+        if inner:
+            raise InputError(fault, typed(folder), f"give {typed(inner)}")
+        remedy = "name the dataset: dataset=NAME dataset.root=DIR"
+        raise no_image(folder, fault, remedy, typed(folder))
     ((name, sign),) = fits.items()
     progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
     return name
