@@ -47,9 +47,9 @@ class PairSweeper(Sweeper):
         """Run the jobs of the words of a command, and return the outcome of all."""
         from sucre_bench.engine.hydra_run import run_as_job
         from sucre_bench.engine.run import run
-        from sucre_bench.jobs import asked, compose_jobs
+        from sucre_bench.jobs import compose_jobs, read_words
 
-        command = compose_jobs.command_of(asked.read(arguments, True, self.config))
+        command = compose_jobs.command_of(read_words.read(arguments, True, self.config))
         if isinstance(self.launcher, WorkersLauncher):
             return run_as_job(command, self.context, self.watch)[0]
         return run(command, self.watch, self._launch)

@@ -210,7 +210,7 @@ def _show(
 
     from sucre_bench.errors import InputError
     from sucre_bench.jobs import compose_jobs, configs
-    from sucre_bench.jobs.asked import read, reading_experiment
+    from sucre_bench.jobs.read_words import read, reading_experiment
 
     app = configs.hydra_app()
     kinds = (

@@ -1,29 +1,29 @@
-"""What the words of a command ask for: those that set something, those that Hydra composes with, and the experiment.
-
-Words that cannot be meant are refused here, with the words that were probably meant.
-"""
+"""What the words of a command ask for: which datasets and methods they choose, and what is an option of which."""
 
 from __future__ import annotations
 
-import contextlib
-import difflib
-import itertools
-import os
-import re
-import shlex
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench import plugins
-from sucre_bench.arguments import fits
-from sucre_bench.errors import InputError, SucreBenchError, in_one_line
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs import configs
-from sucre_bench.jobs.catalogue import GROUPS, plugin_of
-from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
-from sucre_bench.jobs.words import QUOTED, Word, parse, quoted
-from sucre_bench.machine.files import check_folder, expanded, fault_of
+from sucre_bench.jobs.catalogue import (
+    is_path,
+    named,
+    option_names,
+    plugin_of,
+    preset_of,
+    recognised,
+)
+from sucre_bench.jobs.run_options import RunConfig
+from sucre_bench.jobs.words import Word, parse, value_of
+from sucre_bench.machine.progress import say
+from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import options_of
 
 if TYPE_CHECKING:
@@ -31,7 +31,64 @@ if TYPE_CHECKING:
 
 Kind = Literal["dataset", "method"]
 KINDS: tuple[Kind, ...] = ("dataset", "method")
-FILE = "file"  # the name by which Hydra knows an experiment that is given by path
+_OF_RUN = frozenset(option.name for option in options_of(RunConfig))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A dataset or method with options of its own."""
+
+    kind: Kind
+
+    name: str
+    """Of a plugin or a preset."""
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Its label is among them. A method has its display, too, and a dataset what degrades it."""
+
+    is_one_of_many: bool = False
+    """Whether labels must name its options, which tell it from others of its name."""
+
+    word: str = ""
+    """What the user types before its options."""
+
+    @property
+    def label(self) -> str:
+        """The given label, empty where none is given."""
+        return str(self.options.get("label") or "")
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The names by which words mean it."""
+        return self.name, self.label or self.name
+
+    def is_meant(self, word: Word) -> bool:
+        """Whether a word is for it: for all of its kind, or by its name."""
+        return "." in word.key and word.head in (self.kind, *self.names)
+
+    def has(self, word: Word) -> bool:
+        """Whether a word sets an option of it."""
+        option = word.option.partition(".")[0]
+        return self.is_meant(word) and option in option_names(self.kind, self.name)
+
+    def words(self) -> Iterator[Word]:
+        """Yield its options as settings of a configuration."""
+        for name, given in self.options.items():
+            settings = [(f"{self.kind}.{name}", given)]
+            if name == "degrade":
+                settings = [*_flat(name, given)]
+            for key, value in settings:
+                text = f"{key}={value_of(value)}"
+                yield Word(key, (value,), text, self.is_one_of_many, line=f"++{text}")
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Each value of nested mappings with its key."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _flat(f"{key}.{name}".lstrip("."), inner)
+    else:
+        yield key, value
 
 
 @dataclass(frozen=True)
@@ -41,6 +98,9 @@ class Asked:
     words: with ~ expanded; typed: those that set something; of_hydra: overrides that Hydra composes with, the same for
     all jobs: of itself and of groups of configs; experiment: as the user named it, a file or a name, empty for none;
     config: what the jobs of a sweep share, None for a single job.
+
+    What the words choose is looked up when asked for. Raises InputError then for a name that there is not, and for a
+    list that cannot be read.
     """
 
     words: tuple[str, ...]
@@ -66,200 +126,180 @@ class Asked:
             raise InputError(fault, "--config-name", "begin its defaults list with `config`")
         return str(choices[group])
 
+    @cached_property
+    def params(self) -> list[Word]:
+        """The words of an experiment that are swept over."""
+        swept = self.sweeper("params") or {}
+        if not isinstance(swept, Mapping):
+            remedy = 'write params: {OPTION: "VALUE,VALUE"}'
+            raise InputError("is no mapping", "hydra.sweeper.params", remedy)
+        return parse(f"{key}={value}" for key, value in _flat("", swept))
 
-@contextlib.contextmanager
-def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
-    """Give the words, with ~ expanded; an experiment's file among them can be read by name in this block."""
-    # A leading ~ of a value is expanded here; the shell does so only at the start of a word.
-    parts = [(word, word.partition("=")[0], word.partition("=")[2].strip("'\"")) for word in words]
-    words = [
-        f"{key}='{expanded(value)}'" if value.startswith("~/") else word
-        for word, key, value in parts
-    ]
-    with contextlib.ExitStack() as block:
-        for file in filter(_is_file, words):
-            if fault := fault_of(expanded(file)):
-                raise InputError(
-                    fault,
-                    file,
-                    "give an experiment, `sucre-bench list experiments` shows those by name",
-                )
-            block.enter_context(configs.searching(f"experiment://{expanded(file).resolve()}"))
-        block.enter_context(configs.searching(*_search_path(words)))
-        yield words
+    @cached_property
+    def listed(self) -> dict[Kind, list[Entry]]:
+        """What an experiment lists for the sweeper."""
+        return {kind: [_listed(kind, one) for one in self.sweeper(f"{kind}s")] for kind in KINDS}
 
+    @cached_property
+    def chosen(self) -> dict[Kind, list[Entry]]:
+        """What runs."""
+        made: dict[Kind, list[Entry]] = {}
+        for kind in KINDS:
+            chosen = self._chosen(kind)
+            unlabelled = Counter(entry.name for entry in chosen if not entry.label)
+            made[kind] = []
+            for entry in chosen:
+                is_one_of_many = not entry.label and unlabelled[entry.name] > 1
+                word = self._word(entry, len(chosen) == 1)
+                made[kind].append(replace(entry, is_one_of_many=is_one_of_many, word=word))
+        return made
 
-def _search_path(words: Sequence[str]) -> Iterator[str]:
-    """Yield the places of `hydra.searchpath`, which Hydra reads where it composes; presets are looked for before."""
-    given = parse(word for word in words if word.lstrip("+").startswith("hydra.searchpath="))
-    for word in given:
-        if any(not isinstance(value, list) for value in word.values):
-            folder = word.text.partition("=")[2]
-            remedy = f"write 'hydra.searchpath=[{folder}]', or --config-dir {folder}"
-            raise InputError("is no list", word.text, remedy)
-    for place in itertools.chain(*(value for word in given for value in word.values)):
-        folder = str(place).removeprefix("file://")
-        if "://" not in folder:
-            check_folder(
-                expanded(folder), "give a folder that holds method/, experiment/ and others"
+    def _chosen(self, kind: Kind) -> list[Entry]:
+        """Those of the last word that names some, of the experiment, or what Hydra chooses."""
+        listed = self.listed[kind]  # read before it is replaced: its faults are told
+        words = [word for word in self.typed if word.key == kind]
+        if listed and not words:
+            return listed
+        words = words or [word for word in self.params if word.key == kind]
+        if not words:
+            return [_entry(kind, self.choice(kind))]
+        word = words[-1]
+        entries = list[Entry]()
+        left_out = list[str]()
+        for name in word.values:
+            if not isinstance(name, (str, int, float)):
+                remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
+                raise InputError("one name at a time", word.text, remedy)
+            entry = self._named(kind, str(name))
+            named(kind, entry.name)
+            lacks = self._lack(kind, entry.name) if word.is_glob else ""
+            if lacks:
+                left_out.append(f"{name} ({lacks})")
+            else:
+                entries.append(entry)
+        if left_out:
+            say(f"{word.text} leaves out what lacks something: {', '.join(left_out)}")
+        if not entries:
+            raise InputError("all that fit lack something", word.text, f"name one: {kind}=NAME")
+        return entries
+
+    def _named(self, kind: Kind, name: str) -> Entry:
+        """Of this name; a folder with the name of a dataset is meant where nothing else names the data."""
+        has_root = any(word.key.endswith(".root") for word in self.typed)
+        lacks_root = not has_root and "root" in _required(kind, name)
+        is_folder = kind == "dataset" and lacks_root and Path(name).is_dir()
+        return _entry(kind, f"./{name}" if is_folder else name)
+
+    def _word(self, entry: Entry, is_alone: bool) -> str:
+        """What the user types before its options: as in this command, or as they could be typed there."""
+        heads = [word.head for word in self.typed if word.head != word.key]
+        meant = [head for head in heads if head in (entry.kind, *entry.names)]
+        typed = meant[-1] if meant else ""
+        if typed or (is_alone and not entry.label):
+            return typed or entry.kind
+        is_word = entry.label.replace("-", "_").isidentifier()
+        return entry.label if is_word else entry.name
+
+    def _lack(self, kind: Kind, name: str) -> str:
+        """What a plugin or preset lacks: options that no word gives, or packages; empty for nothing."""
+        given = {word.key for word in self.typed}
+        options = [
+            f"{name}.{option}"
+            for option in _required(kind, name)
+            if not given & {f"{kind}.{option}", f"{name}.{option}"}
+        ]
+        lacking = absent(*named(kind, name).requires)
+        return ", ".join(options) or (lacking.install if lacking else "")
+
+    # -- options of them ---------------------------------------------------------------------------------------
+
+    def kind_of(self, word: Word) -> Kind | None:
+        """Return whose option a word sets, None for a word for the whole run. InputError for one that is neither."""
+        meant = [entry for of in self.chosen.values() for entry in of if entry.is_meant(word)]
+        kinds = dict.fromkeys(entry.kind for entry in meant if entry.has(word))
+        if len(kinds) > 1:
+            either = " or ".join(f"{kind}.{word.option}=" for kind in kinds)
+            fault = f"'{word.head}' is a dataset and a method here"
+            raise InputError(fault, word.text, f"write {either}")
+        if kinds:
+            return next(iter(kinds))
+        if meant:
+            raise self._no_option(word, meant[0].kind)
+        if word.head not in _OF_RUN:
+            raise self._unknown(word)
+        return None
+
+    def is_replaced(self, word: Word) -> bool:
+        """Whether typed words replace the datasets or methods that have an option of the experiment."""
+        typed = {one.key for one in self.typed}
+        for kind, listed in self.listed.items():
+            is_meant = word.head == kind or any(entry.is_meant(word) for entry in listed)
+            if kind in typed and word.option and is_meant:
+                return not any(entry.has(word) for entry in self.chosen[kind])
+        return False
+
+    def _no_option(self, word: Word, kind: Kind) -> InputError:
+        """The fault of an option that none of its owners has; another of this name is the nearest."""
+        owners = [entry.name for entry in self.chosen[kind] if entry.is_meant(word)]
+        known = {option for one in owners or [word.head] for option in option_names(kind, one)}
+        fault = unknown_name(word.key, word.option, known)
+        for other in (*(entry.name for entry in self.chosen[kind]), *plugins.usable(kind)):
+            if word.option in option_names(kind, other):
+                remedy = f"did you mean '{other}.{word.option}'? {fault.remedy}"
+                return InputError(fault.fault, fault.place, remedy)
+        return fault
+
+    def _unknown(self, word: Word) -> InputError:
+        """The fault of a word that is no option of the run, or of a chosen dataset or method."""
+        text, key, head = word.text, word.key, word.head
+        for kind, entries in self.chosen.items():
+            names = ",".join(dict.fromkeys(entry.name for entry in entries))
+            owners = dict.fromkeys(
+                entry.name for entry in entries if key in option_names(kind, entry.name)
             )
-            folder = f"file://{expanded(folder).resolve()}"
-        yield folder
+            if owners:
+                before = [kind] if len(entries) == 1 else [*owners]
+                either = " or ".join(f"{owner}.{text}" for owner in before)
+                return InputError(f"is an option of a {kind}", text, f"write {either}")
+            if word.option in option_names(kind, head):
+                remedy = f"add it: -m {kind}={names},{head}"
+                return InputError(f"'{head}' is not among the {kind}s", text, remedy)
+            if word.option and any(head == entry.label for entry in self.listed[kind]):
+                remedy = f"leave out {kind}={names} or {key}"
+                return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
+        for kind in reversed(KINDS):
+            if word.option and plugin_of(kind, head):
+                return self._no_option(word, kind)
+        if word.option and plugin_of("metric", head):
+            return InputError("is an option of a metric", text, f"write metrics.{text}")
+        owned = {name for of in self.chosen.values() for entry in of for name in entry.names}
+        return unknown_name(key, head, {*_OF_RUN, *owned})
 
 
-def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None) -> Asked:
-    """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
-    files = [word for word in words if _is_file(word)]
-    for word in words:
-        if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:  # in quotes it is part of a name
-            raise InputError(
-                f"{in_one_line(word)!r}: holds a line break; give each word in one line"
-            )
-        if is_bare(word) and word not in files:
-            raise bare_word(word, [word for word in words if word not in files])
-    lines = [f"experiment={FILE}" if word in files else word for word in words]
-    typed = parse(lines, configs.loader())
-    _load(value for word in typed if word.key == "plugins" for value in word.values)
-    groups = [word for word in typed if _is_of_hydra(word)]
-    for one in groups:
-        known = configs.loader().get_group_options(one.key) if None in one.values else []
-        if known:
-            raise InputError("is no choice", one.text, f"give one of {', '.join(known)}")
-    experiments = [word for word in groups if word.key == "experiment"]
-    for one in experiments:
-        if len(experiments) > 1 or len(one.values) > 1 or not isinstance(one.values[0], str):
-            place = files[-1] if files else one.text
-            raise InputError("one experiment at a time", place, "give experiment=NAME, or a file")
-    experiment = files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
-    of_hydra = tuple(word.line for word in groups)
-    rest = [word for word in typed if word not in groups]
-    has_mode = any(word.key == "hydra.mode" for word in groups)
-    if config is None and (multirun or experiment or has_mode):
-        try:
-            config = configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
-        except SucreBenchError as fault:
-            raise (fault.within(files[0]) if files else fault) from fault
-        mode, sweeper = config.hydra.mode, config.hydra.sweeper
-        is_listed = any(sweeper.get(key) for key in ("methods", "datasets", "params"))
-        if not (multirun or (mode.name == "MULTIRUN" if mode else is_listed)):
-            config = None
-    if config is not None:
-        _load(configs.selected(config, "plugins") or ())
-    asked = Asked(tuple(words), tuple(rest), of_hydra, experiment, config)
-    _refuse(asked)
-    return asked
+def _listed(kind: Kind, given: Any) -> Entry:
+    """A dataset or method that an experiment lists for the sweeper."""
+    options = {kind: given} if isinstance(given, str) else given
+    if not (isinstance(options, Mapping) and isinstance(options.get(kind), str)):
+        remedy = f"write NAME, or {{{kind}: NAME, OPTION: VALUE}}"
+        raise InputError(f"{given!r} has no name", f"hydra.sweeper.{kind}s", remedy)
+    entry = _entry(kind, options[kind])
+    own = {str(name): value for name, value in options.items() if name != kind}
+    known = {*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])}
+    if unknown := own.keys() - known:
+        option = min(unknown)
+        raise unknown_name(f"{entry.name}.{option}", option, known)
+    return replace(entry, options={**entry.options, **own})
 
 
-def _shared(words: Iterable[Word]) -> Iterator[str]:
-    """Yield the options of the run that all jobs have, as Hydra reads them: its own keys may refer to ${out}."""
-    defaults = RunConfig.defaults()
-    for word in words:
-        is_option = word.key in defaults or isinstance(defaults.get(word.head), dict)
-        is_choice = word.head in (*KINDS, "metrics")
-        if is_option and not (is_choice or word.is_swept or word.is_deleted):
-            yield f"++{word.key}={word.value}"
+def _required(kind: Kind, name: str) -> list[str]:
+    """The options that must be given for a plugin or preset of this name."""
+    plugin, preset = plugin_of(kind, name), preset_of(kind, name) or {}
+    options = options_of(plugin.cls) if plugin else ()
+    return [o.name for o in options if o.is_required and o.name not in preset]
 
 
-def _is_of_hydra(word: Word) -> bool:
-    """Whether Hydra composes with a word: it is one of its own, or chooses a config of a group."""
-    if "/" in word.key or "@" in word.key or word.head == "hydra":
-        return True
-    is_ours = word.key in (*KINDS, "metrics") or "." in word.key
-    return not is_ours and bool(configs.loader().repository.group_exists(word.key))
-
-
-def _load(values: Iterable[Any]) -> None:
-    """Load plugin files, named one by one or in lists, before their plugins can be chosen."""
-    for value in values:
-        for file in value if isinstance(value, list) else [value]:
-            plugins.load_file(str(file))
-
-
-def _refuse(asked: Asked) -> None:
-    """Raise InputError for several values where no sweep was asked for, for a path with a comma, and for a dataset's
-    option where no dataset is named: the built-in one would take it.
-
-    An experiment may leave the dataset open or name several; where the data are needs a dataset in the words.
-    """
-    is_sweep = asked.config is not None
-    paths = set[str]()
-    if plugin := plugin_of("dataset", asked.choice("dataset")):
-        paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))}
-    has_dataset = any(word.key == "dataset" for word in asked.typed)
-    for word in asked.typed:
-        key, value = word.key, word.text.partition("=")[2]
-        quotes = f'"{key}={quoted(value)}"'
-        if word.is_glob and not word.values:
-            raise InputError(
-                "fits no name", word.text, "`sucre-bench list methods` shows the names"
-            )
-        if not word.values and (not is_sweep or asked.choice("hydra/sweeper") == "pairs"):
-            raise InputError(
-                "no list of values", word.text, "list them, or write range(start,stop,step)"
-            )
-        if (
-            word.head == "dataset"
-            and not has_dataset
-            and (key.partition(".")[2] in paths or not asked.experiment)
-        ):
-            remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"
-            raise InputError("no dataset is named", word.text, remedy)
-        if word.is_swept and os.path.exists(value):  # noqa: PTH110 - pathlib's raises OSError for a long list of values
-            raise InputError(
-                "is one path with a comma", word.text, f"write {quotes} with both kinds of quotes"
-            )
-        if word.is_swept and key in ("metrics", "views") and not value.startswith("["):
-            names = ",".join(map(str, word.values)) if word.is_glob else value
-            raise InputError("several values", word.text, f"write {key}=[{names}]")
-        if key == "metrics" and not all(
-            fits(v if isinstance(v, list) else [v], list[str]) for v in word.values
-        ):
-            raise InputError("is no list of names", word.text, "write metrics=[psnr,uciqe:all]")
-        if word.is_swept and not is_sweep:
-            raise InputError(
-                "several values",
-                word.text,
-                f"add -m to run them all, or write {quotes} for a comma",
-            )
-
-
-# -- words without a key ---------------------------------------------------------------------------------------
-
-
-def _is_file(word: str) -> bool:
-    """Whether a word is the path of an experiment."""
-    return is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
-
-
-def is_bare(word: str) -> bool:
-    """Whether a word has no key: neither key=value nor ~key."""
-    return "=" not in word and not word.startswith("~")
-
-
-def bare_word(word: str, words: Sequence[str]) -> InputError:
-    """Return the fault of a word that has no key, with the command that was probably meant. words: of the command."""
-    groups = (*KINDS, "metrics", "study", "hydra", *OPTION_GROUPS)
-    if "." in word and word.partition(".")[0] in groups:
-        return InputError("has no value", word, f"an override reads key=value, write {word}=VALUE")
-    keys = dict.fromkeys(configs.preset_names("experiment"), "experiment")
-    for kind, key in GROUPS.items():
-        presets = configs.preset_names(key) if kind != "metric" else []
-        keys |= dict.fromkeys([*plugins.discover(kind), *presets], key)
-    keyed: dict[str, list[str]] = {}
-    for name in filter(is_bare, words):
-        near = next(iter(difflib.get_close_matches(name, keys, n=1, cutoff=0.7)), "")
-        key = keys.get(near, "")
-        if near != name and expanded(name).is_dir():
-            key, near = "dataset", quoted(name if "/" in name else f"./{name}")
-        keyed.setdefault(key, []).append(near)
-    if "" in keyed:
-        remedy = "`sucre-bench list methods` and `list datasets` show the names"
-        return InputError("an override reads key=value", word, remedy)
-    meant = []
-    for key, names in keyed.items():
-        listed = ",".join(names)
-        meant.append(f"metrics=[{listed}]" if key == "metrics" else f"{key}={listed}")
-    is_sweep = any("," in text for text in meant if not text.startswith("metrics"))
-    words = [*meant, *(word for word in words if not is_bare(word))]
-    remedy = f"write sucre-bench run {'-m ' if is_sweep else ''}{shlex.join(words)}"
-    return InputError("an override reads key=value", word, remedy)
+def _entry(kind: Kind, name: str) -> Entry:
+    """A dataset or method of this name; a folder is the dataset that recognises it."""
+    if kind == "dataset" and is_path(name):
+        return Entry(kind, recognised(Path(name)), {"root": str(Path(name))})
+    return Entry(kind, name)

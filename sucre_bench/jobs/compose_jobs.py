@@ -15,17 +15,16 @@ import functools
 import itertools
 import operator
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.jobs import configs
-from sucre_bench.jobs.asked import KINDS, Asked, Kind, read, reading_experiment
+from sucre_bench.jobs.asked import KINDS, Asked, Entry
 from sucre_bench.jobs.catalogue import SEED
-from sucre_bench.jobs.entries import Entries, Entry
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.read_words import read, reading_experiment
 from sucre_bench.jobs.words import Word, first_line, literal, quoted, value_of
 from sucre_bench.results.layout import as_one_file
 from sucre_bench.results.rows import fingerprint
@@ -69,20 +68,21 @@ def command_of(asked: Asked) -> Command:
     Raises InputError at the word that is wrong, or at the experiment.
     """
     with _faults(asked):
-        entries = Entries(asked)
         if asked.config is None:
-            config = configs.composed(_lines_of(asked, entries))
-            words: dict[str, str] = {kind: entries.chosen[kind][0].word for kind in KINDS}
+            config = configs.composed(lines_of(asked))
+            words: dict[str, str] = {kind: asked.chosen[kind][0].word for kind in KINDS}
             return Command((job_of(config, (), words),), config, asked.words)
-        settings = [word for word in entries.params if not entries.is_replaced(word)]
+
+        @functools.cache
+        def start(*choices: str) -> dict[str, Any]:
+            return configs.plain(configs.composed([*asked.of_hydra, *choices]))
+
+        settings = [word for word in asked.params if not asked.is_replaced(word)]
         settings += asked.typed
         made = list[tuple[Job, tuple[str, ...]]]()
-        starts: dict[tuple[str, ...], dict[str, Any]] = {}
         with configs.current(asked.config):
-            for pair in itertools.product(*(entries.chosen[kind] for kind in KINDS)):
-                of_pair = dict(zip(KINDS, pair, strict=True))
-                of_both = _settings(of_pair, settings, entries)
-                made += _of_pair(of_pair, of_both, asked, starts)
+            for pair in itertools.product(*asked.chosen.values()):
+                made += _of_pair(pair, _settings(asked, settings, pair), asked.of_hydra, start)
     every = [job for job, _ in made]
     _refuse_same_place(every)
     overrides = tuple(lines for _, lines in made)
@@ -95,41 +95,30 @@ def lines_of(asked: Asked) -> list[str]:
 
     Raises InputError for an unknown name or option.
     """
-    return _lines_of(asked, Entries(asked))
-
-
-def _lines_of(asked: Asked, entries: Entries) -> list[str]:
     lines = [*asked.of_hydra]
-    for kind in KINDS:
-        names = [quoted(entry.name) for entry in entries.chosen[kind]]
+    for kind, entries in asked.chosen.items():
         if any(word.key == kind for word in asked.typed):
-            lines.append(f"{kind}={','.join(names)}")
-    for key, word in _settings({}, asked.typed, entries).items():
+            lines.append(f"{kind}={','.join(quoted(entry.name) for entry in entries)}")
+    for key, word in _settings(asked, asked.typed).items():
         lines.append(f"~{key}" if word.is_deleted else word.line)
     return lines
 
 
-def _settings(
-    pair: Mapping[Kind, Entry], words: Sequence[Word], entries: Entries
-) -> dict[str, Word]:
+def _settings(asked: Asked, words: Sequence[Word], pair: Sequence[Entry] = ()) -> dict[str, Word]:
     """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
 
     pair: empty for all datasets and methods.
     """
-    settings: dict[str, Word] = {}
-    for kind in KINDS:
-        of_kind = [pair[kind]] if pair else entries.chosen[kind]
-        if len(of_kind) == 1:
-            settings |= {word.key: word for word in of_kind[0].words(kind)}
+    alone = [entries[0] for entries in asked.chosen.values() if len(entries) == 1]
+    settings = {word.key: word for entry in pair or alone for word in entry.words()}
     for word in words:
         key = word.key
         if key in KINDS:
             continue
-        option = entries.option_of(word)
-        if option:
-            if pair and not option.is_for(pair[option.kind]):
+        if kind := asked.kind_of(word):
+            if pair and not any(entry.has(word) for entry in pair):
                 continue
-            key = f"{option.kind}.{option.name}"
+            key = f"{kind}.{word.option}"
             word = replace(word, line=f"++{key}={word.value}")
         settings.pop(key, None)
         settings[key] = word
@@ -139,7 +128,7 @@ def _settings(
 def job_of(
     config: DictConfig,
     swept: Sequence[str] = (),
-    words: Mapping[str, str] = MappingProxyType({}),
+    words: Mapping[str, str] | None = None,
 ) -> Job:
     """Return the job of a configuration that Hydra composed. swept, words: see `Job.of`.
 
@@ -170,30 +159,27 @@ def _faults(asked: Asked) -> Iterator[None]:
 
 
 def _of_pair(
-    pair: Mapping[Kind, Entry],
+    pair: Sequence[Entry],
     words: Mapping[str, Word],
-    asked: Asked,
-    starts: dict[tuple[str, ...], dict[str, Any]],
+    of_hydra: Sequence[str],
+    start: Callable[..., dict[str, Any]],
 ) -> Iterator[tuple[Job, tuple[str, ...]]]:
     """The jobs of one dataset and one method: of every combination of the words' values, each with its overrides.
 
-    starts: what Hydra has composed, by its overrides.
+    start: what Hydra composes of choices.
     """
     swept = [key for key, word in words.items() if word.is_swept]
     deleted = [key for key, word in words.items() if word.is_deleted]
+    typed: dict[str, str] = {entry.kind: entry.word for entry in pair}
     for given in itertools.product(*(word.values for word in words.values())):
         settings = dict(zip(words, given, strict=True))
-        choices = [f"{kind}={quoted(entry.name)}" for kind, entry in pair.items()]
+        choices = [f"{entry.kind}={quoted(entry.name)}" for entry in pair]
         if "metrics" in settings:
             choices.append(f"metrics={value_of(settings.pop('metrics'))}")
-        start = starts.get(tuple(choices))
-        if start is None:
-            start = configs.plain(configs.composed([*asked.of_hydra, *choices]))
-            starts[tuple(choices)] = start
-        values = copy.deepcopy(start)
+        values = copy.deepcopy(start(*choices))
         for key, value in settings.items():
             _put(values, key, value, key in deleted)
-        job = Job.of(_filled(values), swept, {kind: entry.word for kind, entry in pair.items()})
+        job = Job.of(_filled(values), swept, typed)
         labels = {
             "dataset.label": job.values["dataset"]["label"] or job.dataset.plugin.name,
             "method.label": job.method.label,
@@ -204,30 +190,31 @@ def _of_pair(
             if key not in deleted
         }
         lines = [f"++{key}={value_of(literal(value))}" for key, value in (at | labels).items()]
-        groups = [word for word in asked.of_hydra if not word.lstrip("+~").startswith("hydra")]
+        groups = [word for word in of_hydra if not word.lstrip("+~").startswith("hydra")]
         yield job, (*groups, *choices, *lines, *(f"~{key}" for key in deleted))
 
 
 def _sharing_pairs(every: Sequence[Job], asked: Asked) -> Sequence[Job]:
     """Let jobs with methods of several views share pairs, if they work on the same views."""
     pairing = [job for job in every if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    views = {
-        (job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing
-    }
+    views = {(job.dataset.label, *_part(job)) for job in pairing}
     if len(views) == len(pairing):
         return every
     folder = f"x{fingerprint({'command': [*asked.words]})[1]}"
     return [replace(job, shared_pairs=folder) for job in every]
 
 
+def _part(job: Job) -> tuple[int, int, int]:
+    """The repetition and the block of views that a job is."""
+    return job.replicate, job.shard.index, job.shard.count
+
+
 def _refuse_same_place(planned: Sequence[Job]) -> None:
     """Raise InputError if two jobs would write to one place."""
-    seen: dict[tuple[str, str, int, int, int], Job] = {}
+    seen: dict[tuple[object, ...], Job] = {}
     for job in planned:
-        part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault(
-            (as_one_file(job.dataset.label), as_one_file(job.method.label), *part), job
-        )
+        labels = as_one_file(job.dataset.label), as_one_file(job.method.label)
+        other = seen.setdefault((*labels, *_part(job)), job)
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):

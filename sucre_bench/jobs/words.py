@@ -45,15 +45,14 @@ class Word:
         return self.key.partition(".")[0]
 
     @property
+    def option(self) -> str:
+        """The key behind its first dot, empty without one."""
+        return self.key.partition(".")[2]
+
+    @property
     def value(self) -> str:
         """What stands behind the key, as Hydra is to read it."""
         return self.line.partition("=")[2]
-
-    @classmethod
-    def written(cls, key: str, value: Any) -> Word:
-        """Return the setting of an option to a value."""
-        text = f"{key}={value_of(value)}"
-        return cls(key, (value,), text, line=f"++{text}")
 
 
 def literal(value: Any) -> Any:
@@ -144,11 +143,9 @@ def _literal_number(found: re.Match[str]) -> str:
 def first_line(fault: BaseException) -> str:
     """Return what Hydra or OmegaConf says in its first line with content."""
     lines = str(fault).strip().splitlines() or [type(fault).__name__]
-    return (
-        lines[0].rstrip(".:")
-        if not lines[0].endswith(":") or len(lines) == 1
-        else lines[1].strip().rstrip(".")
-    )
+    if lines[0].endswith(":"):
+        lines = lines[1:] or lines
+    return lines[0].strip().rstrip(".:")
 
 
 def quoted(text: str) -> str:
@@ -164,12 +161,10 @@ def quoted(text: str) -> str:
         and not is_number
     ):
         return text
-    literal = re.sub(r"(\\*)\$\{", lambda found: found[1] * 2 + r"\${", text)
-    return (
-        "'"
-        + re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + (r"\'" if found[2] else ""), literal)
-        + "'"
+    escaped = re.sub(
+        r"(\\*)('|$)", lambda found: found[1] * 2 + (r"\'" if found[2] else ""), literal(text)
     )
+    return f"'{escaped}'"
 
 
 def value_of(value: Any) -> str:
@@ -211,28 +206,19 @@ class Rerun:
         if "name" not in dataset or "name" not in self.options:
             return []
         degrade = self.options.get("degrade") or {}
-        said = ["sucre-bench", "run", *(word for file in self.files for word in ("--plugin", file))]
-        labels = {
-            "dataset": undegraded_label(self.dataset, degrade, str(dataset["name"])),
-            "method": self.method,
+        label = undegraded_label(self.dataset, degrade, str(dataset["name"]))
+        settings = {
+            **_choosing("dataset", dataset, label),
+            **{f"degrade.{name}": value for name, value in degrade.items()},
+            **_choosing("method", self.method_record, self.method),
         }
-        kinds: dict[Kind, Mapping[str, Any]] = {"dataset": dataset, "method": self.method_record}
-        for kind, record in kinds.items():
-            changed = given(kind, record) | (
-                {} if labels[kind] == record["name"] else {"label": labels[kind]}
-            )
-            said += [f"{kind}={value_of(record['name'])}"]
-            said += [f"{kind}.{name}={value_of(value)}" for name, value in changed.items()]
-            said += [
-                f"degrade.{name}={value_of(value)}"
-                for name, value in degrade.items()
-                if kind == "dataset"
-            ]
         if replicate := self.options.get("replicate"):
-            said.append(f"replicate={replicate}")
+            settings["replicate"] = replicate
         if self.seed and "seed" not in self.options:
-            said.append(f"seed={self.seed}")
-        return [*said, "out=again"]
+            settings["seed"] = int(self.seed)
+        files = [word for file in self.files for word in ("--plugin", file)]
+        said = [f"{key}={value_of(value)}" for key, value in settings.items()]
+        return ["sucre-bench", "run", *files, *said, "out=again"]
 
     @property
     def method_record(self) -> dict[str, Any]:
@@ -248,17 +234,25 @@ class Rerun:
         return given("method", self.method_record)
 
 
+def _choosing(kind: Kind, record: Mapping[str, Any], label: str) -> dict[str, Any]:
+    """The settings that choose a dataset or method with the options of a record."""
+    changed = given(kind, record)
+    if label != record["name"]:
+        changed["label"] = label
+    return {kind: record["name"], **{f"{kind}.{name}": v for name, v in changed.items()}}
+
+
 def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any]:
     """Return the options that differ from the plugin's defaults; all of them where the plugin is not there to be asked.
 
     seed: the run's, which a plugin has that was given none.
     """
     plugin = plugins.get(kind, str(record.get("name")))
-    defaults: dict[str, Any] = (
-        {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
-    )
-    # of the run, unless it is given
-    defaults |= {"seed": seed, "display": plugin.display} if plugin else {}
+    defaults: dict[str, Any] = {}
+    if plugin:
+        defaults = {option.name: option.default for option in options_of(plugin.cls)}
+        # of the run, unless it is given
+        defaults |= {"seed": seed, "display": plugin.display}
     return {
         name: v
         for name, v in record.items()
@@ -275,7 +269,9 @@ def metric_words(metric: str, variants: Collection[str]) -> list[str]:
 
 def shell(words: Sequence[str]) -> str:
     """Words as a shell takes them: in double quotes where a word has single ones and nothing that is read within."""
-    has_quote = ("'" in word and not set(word) & set('"$`\\!') for word in words)
-    return " ".join(
-        f'"{w}"' if double else shlex.quote(w) for w, double in zip(words, has_quote, strict=True)
-    )
+    return " ".join(map(_in_shell, words))
+
+
+def _in_shell(word: str) -> str:
+    is_plain_in_double = not set(word) & set('"$`\\!')
+    return f'"{word}"' if "'" in word and is_plain_in_double else shlex.quote(word)
