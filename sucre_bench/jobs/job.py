@@ -22,7 +22,6 @@ from sucre_bench.jobs.run_options import RunConfig, Shard
 from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
-from sucre_bench.plugins.plugin import Kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +64,7 @@ class Job(RunConfig):
         typed = words or {}
         plain = dict(values)
         chosen = dict[str, Choice]()
-        given: dict[Kind, Any] = {"dataset": run.dataset, "method": run.method}
+        given: dict[plugins.Kind, Any] = {"dataset": run.dataset, "method": run.method}
         for kind, options in given.items():
             choice = _labelled(plugin_choice(kind, options, typed.get(kind, "")), swept)
             if pinned := getattr(choice.plugin.cls, "pinned", None):
