@@ -44,8 +44,6 @@ _HELD = 1 << 30
 
 def score_across_views(planned: Sequence[Planned]) -> None:
     """Score what the jobs' metrics of pairs lack, and write the rows. Raises OutputError if they cannot be written."""
-    rows = stored_rows(planned[0].job)
-    part = Part(planned[0].job.out, "pairs")
     # jobs on the same data by their methods; of several with one label, shards say, the first
     groups = defaultdict[tuple[str, str], dict[str, Job]](dict)
     for job in (plan.job for plan in planned):
@@ -53,6 +51,10 @@ def score_across_views(planned: Sequence[Planned]) -> None:
             data = {**job.dataset.record, **job.degrade.record, "replicate": job.replicate}
             group = groups[job.dataset.label, results.fingerprint(data)[1]]
             group.setdefault(job.method.label, job)
+    if not groups:
+        return
+    rows = stored_rows(planned[0].job)
+    part = Part(planned[0].job.out, "pairs")
     for group in groups.values():
         _score_dataset([*group.values()], rows, part)
     part.flush()
