@@ -12,15 +12,15 @@ Every second view of the dive is one half. Each model is fitted to one half, and
   third. Water that is removed too much turns far ground.
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is not more than the
-photograph's. The admissible model of the least held-out error leads; of those within 5 %, the one that stands first in
-`_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of light. It
-must predict better than the first steps of the paper's Adam, or these are taken: drift, which sees differences of the
-ground too, does not rule them out. They stop near their start, so they must predict 5 % better than it does: a start
-that the views do not move is no measurement. The photograph stays if neither is 5 % better than no water, or than the
-light of the chosen model without its water: a lamp can explain views alone. It stays, too, if the chosen water is no
-better than the mean of its attenuation in all channels and no veil, since that is a lamp's falloff with distance. Each
-measure is the median over the targets. docs/supplement.md has the tables of real dives and of made seas behind this
-rule.
+photograph's, or than that of the first steps of the paper's Adam where these are a choice. The admissible model of the
+least held-out error leads; of those within 5 %, the one that stands first in `_candidates`: footprints before pixels,
+since these are right where poses and depth are, and fewer parts of light. It must predict better than the paper's
+steps, or these are taken: drift, which sees differences of the ground too, does not rule them out. They stop near their
+start, so they must predict 5 % better than it does: a start that the views do not move is no measurement. The
+photograph stays if neither is 5 % better than no water, or than the light of the chosen model without its water: a lamp
+can explain views alone. It stays, too, if the chosen water is no better than the mean of its attenuation in all
+channels and no veil, since that is a lamp's falloff with distance. Each measure is the median over the targets.
+docs/supplement.md has the tables of real dives and of made seas behind this rule.
 """
 
 from __future__ import annotations
@@ -422,11 +422,11 @@ class Court:
                 if model not in known and (one := self.judged(model)) is not None:
                     known[model] = one
 
-        def best(models: list[Model]) -> list[Model]:
+        def best(models: list[Model], most_drift: float = np.inf) -> list[Model]:
             admissible = [
                 model
                 for model in models
-                if model in known and is_admissible(known[model], model.fit)
+                if model in known and is_admissible(known[model], most_drift)
             ]
             least = min((known[model].held_out for model in admissible), default=np.inf)
             return [model for model in admissible if known[model].held_out <= _TIE * least]
@@ -447,7 +447,15 @@ class Court:
         if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:
             # light differs
             judge(first)
-        if leading := best(allowed) or sorted(known, key=lambda model: known[model].held_out)[:1]:
+        fitted = sorted(known, key=lambda model: known[model].held_out)
+        judge(early)
+        if not known:
+            return None
+        moved = [model for model in early if model in known and self.moves(known[model], model)]
+        steps = best(moved)[:1]
+        drifts = [known[model].drift for model in steps if self.tells_water(known[model], model)]
+        most_drift = max([next(iter(known.values())).drift_of_photograph, *drifts])
+        if leading := best(allowed, most_drift) or fitted[:1]:
             judge(
                 [
                     model
@@ -455,12 +463,8 @@ class Court:
                     if (model.fit, model.light) == (leading[0].fit, leading[0].light)
                 ]
             )
-        judge(early)
-        if not known:
-            return None
         # `min` takes the first of equals: the paper's steps.
-        moved = [model for model in early if model in known and self.moves(known[model], model)]
-        leaders = [*best(moved)[:1], *best(allowed)[:1]]
+        leaders = [*steps, *best(allowed, most_drift)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
         if chosen in known and not self.tells_water(known[chosen], chosen):
             chosen = NO_WATER
@@ -475,10 +479,6 @@ class Court:
         return Verdict(chosen, in_order, is_in_air=is_clear)
 
 
-def is_admissible(judged: Judged, fit: Fit) -> bool:
-    """Return whether colours are above zero, and those of far ground no more turned than the photograph's.
-
-    The paper's first steps may turn far ground: see above.
-    """
-    is_turned = judged.drift > judged.drift_of_photograph
-    return max(judged.negative) <= MOST_NEGATIVE and (fit is Fit.EARLY or not is_turned)
+def is_admissible(judged: Judged, most_drift: float) -> bool:
+    """Return whether colours are above zero, and those of far ground turned no more than is allowed."""
+    return max(judged.negative) <= MOST_NEGATIVE and judged.drift <= most_drift

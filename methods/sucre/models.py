@@ -54,8 +54,8 @@ from sucre_bench.plugins.call_method import typed_option
 # Pixels that observations are judged on, whether they fit.
 _JUDGED = 5_000
 
-# Pixels that light is fitted to, those that its start comes from, and those that the paper's steps are taken on.
-_LIT, _STARTED, _STEPPED = 4_000, 1_500, 40_000
+# Pixels that light is fitted to, and those that its start comes from.
+_LIT, _STARTED = 4_000, 1_500
 
 # From here on, a channel may have been cut off.
 _FULL = 0.99
@@ -162,7 +162,8 @@ def fit_model(
     Where too few pixels have matched footprints, single pixels are fitted. Raises what `fit` raises.
     """
     if model.fit is Fit.EARLY:
-        return _stepped(model, seen)
+        steps = stepped(model, seen)
+        return Fitted(steps.water, steps.uncertainty, steps.course)
     matched = seen.matched if model.fit is Fit.FOOTPRINTS else None
     options: dict[str, Any] = seen.options.compute | {
         "physical": model.is_physical,
@@ -211,15 +212,13 @@ def uncut(observations: Observations) -> Observations:
     return observations if kept.all() else observations.take(np.flatnonzero(kept))
 
 
-def _stepped(model: Model, seen: Observed) -> Fitted:
-    """Return the water after the paper's 200 steps of Adam, on a sample of pixels."""
+def stepped(model: Model, seen: Observed) -> Solution:
+    """Return what the paper's 200 steps of Adam find, its colours too: those of `sucre_paper`."""
     from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 
     check_pairs(seen.observations)
-    few = sampled(seen.observations, _STEPPED, singles=False, seed=0)
-    options = SucrePaper(one_coefficient=model.one_coefficient, device="cpu")
-    solution = solve_adam(few, seen.first_colours(few), options)
-    return Fitted(solution.water, solution.uncertainty, solution.course)
+    options = SucrePaper(one_coefficient=model.one_coefficient, device=seen.options.device)
+    return solve_adam(seen.observations, seen.first_colours(seen.observations), options)
 
 
 def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observations) -> Fitted:

@@ -26,7 +26,7 @@ from sucre_bench.methods.sucre.exact import check_pairs
 from sucre_bench.methods.sucre.judge import NO_WATER, NONE, Verdict, chosen_model, judging
 from sucre_bench.methods.sucre.known_water import water_of
 from sucre_bench.methods.sucre.light import EVEN, Light
-from sucre_bench.methods.sucre.models import Fitted, Model, fit_model, is_in_air
+from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, stepped
 from sucre_bench.methods.sucre.observed import TOGETHER, Dive, Observed
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Course, Solution
 from sucre_bench.methods.sucre.uncertainty import CHANNELS, is_determined
@@ -106,12 +106,21 @@ def _restored(
         )
     if options.water == "shared":
         return _in_water_of_dive(seen, options, verdict.model)
+    if verdict.model.fit is Fit.EARLY:
+        # its colours stop near the photograph's, as its water stops near its start
+        return seen, _unless_guessed(seen, stepped(verdict.model, seen)), []
     even, solution = _coloured(seen, fit_model(verdict.model, seen))
-    negative = (solution.J < 0).mean(axis=1).max()
+    negative = _most_negative(solution)
     if verdict.judged and negative > MOST_NEGATIVE:
-        even, solution, words = _in_water_of_dive(seen, options, verdict.model)
-        return even, solution, [_COMMON.format(negative), *words]
+        even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
+        if _most_negative(in_dive) < negative:
+            return even_in_dive, in_dive, [_COMMON.format(negative), *words]
     return even, solution, []
+
+
+def _most_negative(solution: Solution) -> float:
+    """Return the share of colours below zero in the channel that has most."""
+    return float((solution.J < 0).mean(axis=1).max())
 
 
 def _in_water_of_dive(
@@ -149,11 +158,15 @@ def _coloured(seen: Observed, fitted: Fitted) -> tuple[Observed, Solution]:
         )
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)
-    solution = fitted.colours_of(even.observations, **seen.options.compute)
-    if is_guess(solution):
-        photograph = _photograph(even, replace(solution.course, solver="none"), _PHOTOGRAPH)
-        solution = replace(photograph, light=solution.light)
-    return even, solution
+    return even, _unless_guessed(even, fitted.colours_of(even.observations, **seen.options.compute))
+
+
+def _unless_guessed(even: Observed, solution: Solution) -> Solution:
+    """Return a solution, or the photograph where its water is a guess."""
+    if not is_guess(solution):
+        return solution
+    photograph = _photograph(even, replace(solution.course, solver="none"), _PHOTOGRAPH)
+    return replace(photograph, light=solution.light)
 
 
 def is_guess(solution: Solution) -> bool:
