@@ -4,9 +4,9 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from types import MappingProxyType
-from typing import Any, Literal, Protocol, TypeVar, get_args, get_origin
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array
@@ -217,23 +217,13 @@ def missing_needs(
 _C = TypeVar("_C", bound=type[Any])
 
 
-# How a plugin keeps what a decorator takes as any list, set or mapping.
-_FORMS: Mapping[Any, Callable[[Any], Any]] = {frozenset: frozenset, tuple: tuple, Mapping: dict}
-
-
-def _decorator(kind: Kind, given: Mapping[str, Any]) -> Callable[[_C], _C]:
-    """Return what makes a class a plugin. given: the arguments of `method`, `dataset` or `metric`."""
-    forms = {one.name: _FORMS.get(get_origin(one.type)) for one in fields(Plugin)}
-    about = dict(given)
-    for word, value in given.items():
-        form = forms[word]
-        if form:
-            about[word] = form(value or ())
-    for word, known in (("needs", NEEDS if kind == "metric" else HAS), ("has", HAS)):
-        unknown = about.get(word, known) - known
-        if unknown:
-            remedy = did_you_mean(min(unknown), known)
-            raise PluginError(f"unknown {word} {sorted(unknown)}", kind, remedy)
+def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
+    needs = frozenset(needs)
+    known = NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
+    if needs - known:
+        raise PluginError(
+            f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known)
+        )
 
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
@@ -242,13 +232,15 @@ def _decorator(kind: Kind, given: Mapping[str, Any]) -> Callable[[_C], _C]:
                 cls.__qualname__,
                 f"put @dataclass(frozen=True) under @{kind}",
             )
-        if kind == "metric":
-            wanted = "score_pair" if "restored_views" in about["needs"] else "score"
-            if not hasattr(cls, wanted):
-                remedy = "see docs/plugins.md, A metric"
-                raise PluginError(f"has no {wanted}()", cls.__qualname__, remedy)
-        name = about["name"] or snake_case(cls.__name__)
-        cls.__plugin__ = Plugin(kind, cls=cls, **{**about, "name": name})  # type: ignore[attr-defined]
+        if kind == "metric" and not hasattr(
+            cls, wanted := "score_pair" if "restored_views" in needs else "score"
+        ):
+            raise PluginError(
+                f"has no {wanted}()", cls.__qualname__, "see docs/plugins.md, A metric"
+            )
+        cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
+            kind, name or snake_case(cls.__name__), cls, needs, **about
+        )
         return cls
 
     return attach
@@ -302,15 +294,29 @@ def method(
     >>> sb.restore(LessBlue(0.25), sb.Scene("reef", [view], frozenset()), "a.png").image[0, 0].tolist()
     [0.4000000059604645, 0.4000000059604645, 0.10000000149011612]
     """
-    given = locals()
     normalisation(display)
+    needs = frozenset(needs)
     if encoding == "gamma" and "poses" in needs:
         raise PluginError(
             "encoding=gamma is for methods of one view",
             "method",
             "other views are given as they are",
         )
-    return _decorator("method", given)
+    return _decorator(
+        "method",
+        name,
+        needs,
+        requires=tuple(requires),
+        may_use=tuple(may_use),
+        cites=cites,
+        licence=licence,
+        display=display,
+        encoding=encoding,
+        reads=tuple(reads),
+        is_photograph=is_photograph,
+        differs=differs,
+        opinions=opinions or {},
+    )
 
 
 @checked
@@ -354,7 +360,25 @@ def dataset(
     >>> GreenTank.__plugin__.name
     'green_tank'
     """
-    return _decorator("dataset", locals())
+    has = frozenset(has)
+    unknown = has - HAS
+    if unknown:
+        raise PluginError(
+            f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS)
+        )
+    return _decorator(
+        "dataset",
+        name,
+        (),
+        requires=tuple(requires),
+        cites=cites,
+        licence=licence,
+        source=source,
+        proven=proven,
+        has=has,
+        charts_file=charts_file,
+        signs=tuple(signs),
+    )
 
 
 @checked
@@ -414,8 +438,25 @@ def metric(
     >>> Redness.__plugin__.default
     ('own',)
     """
-    given = locals()
-    return _decorator("metric", {**given, "default": tuple(default) or [*variants][:1]})
+    return _decorator(
+        "metric",
+        name,
+        needs,
+        may_need=frozenset(may_need),
+        requires=tuple(requires),
+        cites=cites,
+        licence=licence,
+        unit=unit,
+        better=better,
+        range=range,
+        variants=dict(variants),
+        default=tuple(default) or tuple(variants)[:1],
+        role=role,
+        symbol=symbol,
+        unranked=frozenset(unranked),
+        faults=faults or {},
+        agreement=dict(agreement or {}),
+    )
 
 
 def snake_case(name: str) -> str:
