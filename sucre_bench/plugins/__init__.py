@@ -9,7 +9,15 @@ are named in ``requires`` and imported where they are used.
 
 from sucre_bench.plugins.plugin import (
     KINDS as KINDS,
+    NEEDS as NEEDS,
+    Better as Better,
+    Broken as Broken,
+    Dataset as Dataset,
     Kind as Kind,
+    Method as Method,
+    Metric as Metric,
+    PairMetric as PairMetric,
+    Plugin as Plugin,
     dataset as dataset,
     method as method,
     metric as metric,
