@@ -164,7 +164,7 @@ def nearest(values: AnyArray, size: Size) -> AnyArray:
     """Return a map (H, W) at another size (width, height), each pixel the nearest one of the map."""
     import cv2
 
-    return cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
 def _enlarged(depth: Array, size: Size) -> Array:

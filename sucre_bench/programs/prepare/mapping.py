@@ -113,9 +113,11 @@ def map_photos(
                 say(
                     f"{len(best.registered)} of {readable} photos are placed; trying again for faint features"
                 )
-            mapped = processes.call(
+            processes.call(
                 partial(_attempt, photos, folder / attempt.name, options, attempt, given), _REMEDY
             )
+            mapped = _stored(folder / attempt.name)
+            assert mapped is not None
         if best is None or len(mapped.registered) > len(best.registered):
             best = mapped
         readable = len(photos) - len(best.damaged)
@@ -147,8 +149,8 @@ def _attempt(
     options: Options,
     attempt: _Attempt,
     given: Mapping[str, Posed] | None,
-) -> Mapped:
-    """Leave a model and its record in the folder, and return that."""
+) -> None:
+    """Leave a model and its record in the folder."""
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(0)
     folder.mkdir(parents=True, exist_ok=True)
@@ -179,7 +181,6 @@ def _attempt(
     )
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
     shutil.rmtree(folder / "gray", ignore_errors=True)
-    return mapped
 
 
 def _find_features(
@@ -191,8 +192,7 @@ def _find_features(
     """
     pycolmap = load_pycolmap()
     folder = database.parent
-    reader = pycolmap.ImageReaderOptions()
-    extraction = pycolmap.FeatureExtractionOptions()
+    reader, extraction = pycolmap.ImageReaderOptions(), pycolmap.FeatureExtractionOptions()
     reader.camera_model = options.camera
     if photos[0].mask is not None:
         reader.mask_path = folder / "masks"
@@ -255,16 +255,16 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     pycolmap = load_pycolmap()
     is_long = options.matching == "auto" and len(names) > _MOST_EXHAUSTIVE
     if options.matching == "sequential" or is_long:
+        starts = enumerate(names)
         pairs = [
-            (name, other)
-            for i, name in enumerate(names)
+            (name, names[i + step])
+            for i, name in starts
             for step in _SEQUENTIAL
-            for other in names[i + step : i + step + 1]
+            if i + step < len(names)
         ]
     else:
         pairs = list(itertools.combinations(names, 2))
-    matching = pycolmap.FeatureMatchingOptions()
-    verification = pycolmap.TwoViewGeometryOptions()
+    matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
     matching.use_gpu = False
     matching.guided_matching = attempt.guided and len(pairs) <= _GUIDED_PAIRS
     matching.num_threads = 1  # with more, one run in a hundred found other matches
@@ -302,8 +302,7 @@ def _has_logo(opened: Any, pairs: Sequence[tuple[str, str]]) -> bool:
             continue
         sides = (opened.read_keypoints(image.image_id)[:, :2] for image in (first, second))
         at, there = (places[of] for places, of in zip(sides, matches.T, strict=True))
-        camera = opened.read_camera(first.camera_id)
-        motion = np.linalg.norm(at - there, axis=1)
+        camera, motion = opened.read_camera(first.camera_id), np.linalg.norm(at - there, axis=1)
         still = motion < _STILL_PX
         if 2 * np.sum(motion > _FAR * camera.width) <= np.sum(~still):
             continue

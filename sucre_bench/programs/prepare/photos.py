@@ -129,7 +129,9 @@ def read_mask(path: Path, size: Size) -> AnyArray:
     """Return a mask (H, W) uint8, white where the picture is used, at a size (width, height)."""
     import cv2
 
-    return cv2.resize(decode(path, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(
+        cv2.resize(decode(path, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST)
+    )
 
 
 def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str, str]:

@@ -88,8 +88,14 @@ def prepare(
 
 def _asked(folder: Path, options: Options) -> dict[str, Any]:
     """The photos and options as the record has them."""
-    values = {"photos": folder, **asdict(options)}
-    return json.loads(json.dumps(values, default=lambda path: str(path.resolve())))
+    values = {
+        name: value.resolve() if isinstance(value, Path) else value
+        for name, value in asdict(options).items()
+    }
+    asked: dict[str, Any] = json.loads(
+        json.dumps({"photos": folder.resolve(), **values}, default=str)
+    )
+    return asked
 
 
 def _longest_swept(options: Options, n_placed: int) -> int:
@@ -268,12 +274,19 @@ def _unplaced(photos: Sequence[Photo], mapped: Mapped, model: Path | None) -> di
     for photo in photos:
         if photo.output in mapped.registered or photo.name in mapped.damaged:
             continue
-        count, other = mapped.best_matches.get(photo.name, (0, ""))
-        best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
-        why = f"no place found, {best}; add photos between it and the others, or mask what moves"
         if model is not None:
-            why = f"{model} has no pose for it; place it there, or prepare without --model"
-        unplaced[photo.name] = why
+            unplaced[photo.name] = (
+                f"{model} has no pose for it; place it there, or prepare without --model"
+            )
+        else:
+            count, other = mapped.best_matches.get(photo.name, (0, ""))
+            best = (
+                f"{count} matches at best, with {other}"
+                if count
+                else "no matches with those placed"
+            )
+            remedy = "add photos between it and the others, or mask what moves"
+            unplaced[photo.name] = f"no place found, {best}; {remedy}"
     return unplaced
 
 

@@ -188,12 +188,14 @@ def sweep(
                 @ (source.camera.K @ (pose[:3, :3] @ K_inv + np.outer(pose[:3, 3], plane)))
                 @ half
             )
-            warped = cv2.warpPerspective(
-                other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            warped = np.asarray(
+                cv2.warpPerspective(other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
             )
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
-            means = tuple(cv2.blur(image, _WINDOW) for image in (warped, square, product))
+            means = tuple(
+                np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product)
+            )
             compare(best.first, best.second, mean, deviation, warped, *means, _LEAST_VARIANCE)
         decide(k, len(sources) > 2, best)
     return _depth(shot.camera, slope, offsets, best) * telling

@@ -124,16 +124,23 @@ def read_record(out: Path) -> Prepared | None:
         qualities = tuple(
             Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"]
         )
+        keys = record["made_of"]["model"], record["made_of"]["depths"]
+        damaged, unplaced, warnings = (
+            dict(record["damaged"]),
+            dict(record["unplaced"]),
+            tuple(record["warnings"]),
+        )
+        focal = _focal(record["cameras"], record["options"])
         return Prepared(
             out,
             qualities,
-            dict(record["damaged"]),
-            dict(record["unplaced"]),
+            damaged,
+            unplaced,
             Scale(**scale),
             dict(known),
-            tuple(record["warnings"]),
-            (record["made_of"]["model"], record["made_of"]["depths"]),
-            focal=_focal(record["cameras"], record["options"]),
+            warnings,
+            keys,
+            focal=focal,
         )
 
 
@@ -182,8 +189,9 @@ def write_result(
         made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
     cameras = _cameras(pycolmap.Reconstruction(mapped.model))
     made = replace(made, qualities=tuple(qualities), focal=_focal(cameras, asked))
-    for folder in _FOLDERS:
-        # renamed, because deleting takes long, and a stop would leave no result
+    for (
+        folder
+    ) in _FOLDERS:  # renamed, because deleting takes long, and a stop would leave no result
         if (out / folder).exists():
             (out / folder).rename(aside / f"old-{folder}")
     for folder in _FOLDERS:
@@ -300,8 +308,10 @@ def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[
     stored = decode(image, cv2.IMREAD_COLOR)
     size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
     coloured = depth_colours(nearest(depth, size), *bounds, unknown=0)[..., ::-1]
-    uris = []
-    for picture in (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured):
-        _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
-        uris.append(f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}")
-    return uris
+    pictures = (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured)
+    encoded = [
+        cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures
+    ]
+    return [
+        f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded
+    ]

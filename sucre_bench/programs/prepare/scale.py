@@ -167,8 +167,10 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
         raise InputError(
             f"names {len(shots)} of the placed photos", path, "give depths of six or more"
         )
-    centres = np.array([shot.centre for shot in shots.values()])
-    depths = np.array([track[photo] for photo in shots])
+    centres, depths = (
+        np.array([s.centre for s in shots.values()]),
+        np.array([track[photo] for photo in shots]),
+    )
     design = np.column_stack([centres - centres.mean(axis=0), np.ones(len(depths))])
     solution, _, rank, _ = np.linalg.lstsq(design, depths, rcond=None)
     rest = depths - design @ solution
@@ -178,10 +180,12 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
     error = np.inf
     if rank == 4 and factor > 0:
         along = solution[:3] / factor
-        spread = np.linalg.inv(design.T @ design)[:3, :3]
-        error = float(np.sqrt(noise * along @ spread @ along)) / factor
+        error = (
+            float(np.sqrt(noise * along @ np.linalg.inv(design.T @ design)[:3, :3] @ along))
+            / factor
+        )
         # Any error of v across its direction makes it longer.
-        error += float(noise * np.trace(spread)) / (2 * factor**2)
+        error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
     if 2 * error > _LARGEST_ERROR:
         what = (
             "the cameras move too little up, down and sideways for their depths to tell the scale"

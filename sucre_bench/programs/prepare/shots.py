@@ -14,8 +14,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Indices
+from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, project
 from sucre_bench.imaging.image_files import OF_JPEG, is_jpeg, write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
@@ -123,10 +124,10 @@ class Shot:
     name: str
     camera: Camera
     cam_from_world: Array
-    point_ids: Indices
+    point_ids: npt.NDArray[np.int64]
     points: Array
     xy: Array
-    tracks: Indices
+    tracks: npt.NDArray[np.int64]
 
     @property
     def centre(self) -> Array:

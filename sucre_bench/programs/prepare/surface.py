@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Indices
+from sucre_bench.arrays import Array
 from sucre_bench.camera import moved, pixel_rays, unproject
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import regular
@@ -48,10 +49,10 @@ class Surface:
     """
 
     vertices: Array
-    triangles: Indices
+    triangles: npt.NDArray[np.int64]
     gaps: Array
 
-    def caster(self) -> Callable[..., tuple[Array, Indices]]:
+    def caster(self) -> Callable[..., tuple[Array, npt.NDArray[np.int64]]]:
         """Return the function that gives a shot's planar depth (H, W) float32, 0 = none, and triangles (H, W).
 
         Its second argument, (P, 2) pixels x, y, gives these alone: (1, P).
@@ -63,7 +64,7 @@ class Surface:
         around = (self.vertices - middle).astype(np.float32)
         scene.add_triangles(tensor(around), tensor(self.triangles.astype(np.uint32)))
 
-        def cast(shot: Shot, at: Array | None = None) -> tuple[Array, Indices]:
+        def cast(shot: Shot, at: Array | None = None) -> tuple[Array, npt.NDArray[np.int64]]:
             # Along rays of unit depth, the distance to the hit is the planar depth.
             if at is None:
                 rays = pixel_rays(shot.camera)
@@ -72,8 +73,10 @@ class Surface:
                     None
                 ]
             rays = rays @ shot.cam_from_world[:3, :3].astype(np.float32)
-            depth = np.zeros(rays.shape[:2], np.float32)
-            triangle = np.zeros(rays.shape[:2], np.int64)
+            depth, triangle = (
+                np.zeros(rays.shape[:2], np.float32),
+                np.zeros(rays.shape[:2], np.int64),
+            )
             for top in range(0, len(rays), _ROWS):
                 block = rays[top : top + _ROWS]
                 origin = np.broadcast_to((shot.centre - middle).astype(np.float32), block.shape)
@@ -104,8 +107,7 @@ def read_mesh(path: Path) -> Surface:
         else:
             path_read = path
         mesh = o3d.io.read_triangle_mesh(str(path_read))
-    vertices = np.asarray(mesh.vertices)
-    triangles = np.asarray(mesh.triangles)
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if not len(triangles) or not np.isfinite(vertices).all():
         raise InputError(
             "holds no triangles that can be read", path, "export the mesh as .ply, .obj or .glb"
@@ -140,8 +142,7 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
             linear_fit=True,
             n_threads=1,  # several threads make another surface each time
         )
-    vertices = np.asarray(mesh.vertices)
-    triangles = np.asarray(mesh.triangles)
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     gaps = cKDTree(np.asarray(cloud.points)).query(vertices)[0]
     centres = np.array([shot.centre for shot in shots]) - middle
     near = gaps <= widest * cKDTree(centres).query(vertices)[0]
