@@ -217,7 +217,7 @@ def stepped(model: Model, seen: Observed) -> Solution:
     from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 
     check_pairs(seen.observations)
-    options = SucrePaper(one_coefficient=model.one_coefficient, device=seen.options.device)
+    options = SucrePaper(one_coefficient=model.one_coefficient, device="cpu")
     return solve_adam(seen.observations, seen.first_colours(seen.observations), options)
 
 
