@@ -447,7 +447,7 @@ class Court:
         if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:
             # light differs
             judge(first)
-        fitted = sorted(known, key=lambda model: known[model].held_out)
+        least_error = sorted(known, key=lambda model: known[model].held_out)[:1]
         judge(early)
         if not known:
             return None
@@ -455,7 +455,7 @@ class Court:
         steps = best(moved)[:1]
         drifts = [known[model].drift for model in steps if self.tells_water(known[model], model)]
         most_drift = max([next(iter(known.values())).drift_of_photograph, *drifts])
-        if leading := best(allowed, most_drift) or fitted[:1]:
+        if leading := best(allowed, most_drift) or least_error:
             judge(
                 [
                     model

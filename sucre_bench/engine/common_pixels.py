@@ -265,7 +265,8 @@ def _stored_views(
     rows: DataFrame,
     jobs: Iterable[Job],
     folder: Callable[[Row], Path],
-    *run: Any,
+    log: Path | None = None,
+    limit_s: float | None = None,
 ) -> dict[ViewKey, CommonView]:
     """See `_common_views`, of restorations that lie in a folder. One of other data than the view's takes no part."""
 
@@ -276,7 +277,7 @@ def _stored_views(
 
     metrics = [metric for job in jobs for metric in job.metrics]
     views = {key: (task.base, task.view) for key, task in chosen.items()}
-    return _common_views(views, rows, metrics, source, *run)
+    return _common_views(views, rows, metrics, source, log, limit_s)
 
 
 def score_folders(rows: DataFrame) -> DataFrame:

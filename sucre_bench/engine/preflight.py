@@ -290,7 +290,9 @@ def check(command: Command) -> list[Planned]:
     of_job = dict(iter(rows.groupby(["dataset", "method"])))
     for job in jobs:
         try:
-            *_, method = [_made(choice, job.out) for choice in (*job.metrics, job.method)]
+            for metric in job.metrics:
+                _made(metric, job.out)
+            method = _made(job.method, job.out)
             of_method = of_job.get((job.dataset.label, job.method.label), rows[:0])
             sees_whole_scene = bool(getattr(method, "sees_whole_scene", False))
             by_scene = sees_whole_scene or is_of_scene(job.method.display)

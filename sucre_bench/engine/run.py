@@ -274,7 +274,8 @@ def _counted(
     """The outcome of jobs. labels: of their datasets and methods; ends: see `_ends`."""
     datasets, methods = dict[str, None](), dict[str, None]()  # each once, in this order
     for dataset, method in labels:
-        datasets[dataset] = methods[method] = None
+        datasets[dataset] = None
+        methods[method] = None
 
     def faults(wanted: str) -> tuple[Fault, ...]:
         return tuple(fault for status, _, fault in ends if status == wanted)

@@ -156,7 +156,8 @@ class Asked:
 
     def _chosen(self, kind: Kind) -> list[Entry]:
         """Those of the last word that names some, of the experiment, or what Hydra chooses."""
-        listed = self.listed[kind]  # read before it is replaced: its faults are told
+        # Read in any case: an experiment with a fault in its list is refused, also where a word replaces the list.
+        listed = self.listed[kind]
         words = [word for word in self.typed if word.key == kind]
         if listed and not words:
             return listed

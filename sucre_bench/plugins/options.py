@@ -54,7 +54,7 @@ class Option:
 
     @property
     def kinds(self) -> tuple[Any, ...]:
-        """Its type, and what that is made of: `Path | None` also is a path."""
+        """The type and its parts: of `Path | None` the whole, `Path` and `None`."""
         return self.type, *get_args(self.type)
 
     @property
