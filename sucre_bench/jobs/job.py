@@ -67,8 +67,9 @@ class Job(RunConfig):
         given: dict[plugins.Kind, Any] = {"dataset": run.dataset, "method": run.method}
         for kind, options in given.items():
             choice = _labelled(plugin_choice(kind, options, typed.get(kind, "")), swept)
-            if pinned := getattr(choice.plugin.cls, "pinned", None):
-                # the options as rows are to record them
+            # a method may say how rows are to record its options
+            pinned = getattr(choice.plugin.cls, "pinned", None) if kind == "method" else None
+            if pinned:
                 choice = replace(choice, options=pinned(choice.options))
             # A label that says no more than the name stays open: `read` knows no sweep.
             label = None if choice.label == choice.plugin.name else choice.label
