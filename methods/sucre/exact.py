@@ -42,14 +42,8 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.model import (
-    Bounds,
-    Minimum,
-    ReducedSystem,
-    WaterParameters,
-    minimise,
-    veil,
-)
+from sucre_bench.methods.sucre.minimise import Bounds, Minimum, minimise
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, veil
 from sucre_bench.methods.sucre.observed import SAMPLE, first_slot, sampled
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise

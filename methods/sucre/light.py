@@ -32,13 +32,12 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.errors import InputError
+from sucre_bench.methods.sucre.minimise import Bounds, minimise
 from sucre_bench.methods.sucre.model import (
     LEAST,
-    Bounds,
     ReducedSystem,
     WaterParameters,
     eliminated,
-    minimise,
     transmission,
     veil,
 )

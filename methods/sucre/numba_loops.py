@@ -224,6 +224,12 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
                 _add_products(kept[k], n_k, total[c])
             if len(margin):
                 _hold(kept, used, n, starts, begin, sums, margin[c], total[c])
+    for c in range(3):
+        for i in range(4):
+            total[c, i, 2] *= water[c, 0]  # the column of D_gamma is without its factor B
+            total[c, 2, i] *= water[c, 0]
+            for j in range(i):
+                total[c, i, j] = total[c, j, i]
     return total
 
 
@@ -279,10 +285,7 @@ def compiled(observations: Observations) -> Callable[..., Array]:
             _share_colours(store, share, size, water, noise, covariance, found)
             return found
         total: Array = _share_products(store, share, size, water, others[0])
-        total += np.triu(total, 1).swapaxes(1, 2)
-        scale = np.ones((3, 4))
-        scale[:, 2] = rows[0, :, 0, 0]  # the loops leave B out of D_gamma
-        return total * scale[:, :, None] * scale[:, None, :]
+        return total
 
     return compute
 
