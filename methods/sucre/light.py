@@ -23,6 +23,7 @@ with prior precision C / s^2 and posterior covariance V, s^2 = u^T C u / (rank C
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,6 +33,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.errors import InputError
+from sucre_bench.machine.compute import compiled
 from sucre_bench.methods.sucre.minimise import Bounds, minimise
 from sucre_bench.methods.sucre.model import (
     LEAST,
@@ -238,8 +240,8 @@ class Light:
 
     def eq_6(self, z: Array) -> tuple[Array, Array]:
         """Return a and b (3, ...) of I = l (J a + b); z: (...) metres."""
-        both = [_eq_6(z, self.water.channel(c)) for c in range(3)]
-        return np.stack([a for a, *_ in both]), np.stack([b for _, b, *_ in both])
+        B, beta, gamma = (column.reshape(3, *(1,) * z.ndim) for column in self.water.columns())
+        return transmission(z, beta), veil(z, B, gamma)
 
     def on(self, observations: Observations, part: slice = slice(None)) -> Array:
         """Return l (3, n) of observations with `view` and `ray`; NaN where the gain of a view is not known."""
@@ -269,14 +271,6 @@ class Light:
         return even if known.all() else even.take(np.flatnonzero(known))
 
 
-def _eq_6(z: Array, water: tuple[float, float, float]) -> tuple[Array, Array, Array, Array]:
-    """Return a and b (...), and their derivatives by B, beta and gamma, (3, ...) each."""
-    B, beta, gamma = water
-    a, D_B = transmission(z, beta), veil(z, 1, gamma)
-    none = np.zeros_like(z)
-    return a, B * D_B, np.stack([none, -z * a, none]), np.stack([D_B, none, B * z * (1 - D_B)])
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Water and light over a sample.
@@ -301,8 +295,13 @@ class Problem:
 
     @cached_property
     def terms(self) -> Array:
-        """The terms (6, P, V) of the lens."""
-        return terms(self.sample.ray / self.extent)
+        """The terms (6, P, V) of the lens; (0, P, V) without one."""
+        return terms(self.sample.ray / self.extent)[: self.sizes[1]]
+
+    @cached_property
+    def root(self) -> Array:
+        """The roots (3, P, V) of the weights."""
+        return np.sqrt(self.sample.weight)
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -390,34 +389,28 @@ class Problem:
         is 0 in all other views. So products of the D' of two views need sums over pixels only: with M = sum_v x D,
         D'^T D' = D^T D - M^T M / A and A = sum_v x^2, x being the column of the colour.
         """
-        sample, views, parts = self.sample, len(self.sample.views), self.parts
-        light = self.light(u)
-        l = light.falling(sample.ray, np.arange(views))
-        n, shared = len(u), np.arange(9, sum(self.sizes[:2]))
-        H, g, cost = self.prior.copy(), -self.prior @ u, float(u @ self.prior @ u)
-        for c in range(3):
-            s, water = np.sqrt(sample.weight[c]), light.water.channel(c)
-            a, b, of_a, of_b = _eq_6(sample.z, water)
-            sl = s * l[c]
-            x = sl * a
-            A, J, r = eliminated(x, s * sample.I[c] - sl * b, 1)
-            A, seen = A.clip(min=LEAST), s * sample.I[c] - r
-            D = sl * (J * of_a + of_b)
-            D = np.concatenate([D, self.terms * seen]) if parts.lens else D
-            M, flat = np.einsum("kpv,pv->kp", D, x), D.reshape(len(D), -1)
-            common = np.r_[3 * c : 3 * c + 3, shared]
-            H[np.ix_(common, common)] += flat @ flat.T - (M / A.T) @ M.T
-            g[common] += flat @ r.ravel()
-            cost += float((r * r).sum())
-            if parts.gains:
-                own = n - views * (parts.gains - c * (parts.gains == 3)) + np.arange(views)
-                K = seen * x
-                mixed = (D * seen).sum(axis=1) - (M / A.T) @ K
-                H[np.ix_(common, own)] += mixed
-                H[np.ix_(own, common)] += mixed.T
-                H[np.ix_(own, own)] += np.diag((seen * seen).sum(axis=0)) - (K / A).T @ K
-                g[own] += (seen * r).sum(axis=0)
-        held = n - views * np.arange(1, parts.gains + 1) + sample.target
+        views, light = len(self.sample.views), self.light(u)
+        n, own = len(u), np.full((3, views), -1)
+        if self.parts.gains:
+            own[:] = n - views * self.parts.gains + np.arange(views)
+            own += views * np.arange(3)[:, None] * (self.parts.gains == 3)
+        H, g = np.zeros((n, n)), np.zeros(n)
+        cost = compiled(_add_sums)(
+            self.sample.z,
+            self.sample.I,
+            self.root,
+            self.terms,
+            light.water.by_channel(),
+            light.lens,
+            np.ascontiguousarray(light.gains.T),
+            own,
+            H,
+            g,
+        )
+        H += np.tril(H, -1).T + self.prior
+        g -= self.prior @ u
+        cost += float(u @ self.prior @ u)
+        held = n - views * np.arange(1, self.parts.gains + 1) + self.sample.target
         H[held], H[:, held], g[held] = 0, 0, 0
         return ReducedSystem(H[None], g[None], np.array([cost]))
 
@@ -430,6 +423,94 @@ class Problem:
             max_steps=_STEPS,
         )
         return end.at[0], end.system
+
+
+def _add_sums(
+    z: Any,
+    I: Any,
+    root: Any,
+    terms: Any,
+    water: Any,
+    lens: Any,
+    gains: Any,
+    own: Any,
+    H: Any,
+    g: Any,
+) -> Any:
+    """Add the sums over a sample to the lower triangle of H (n, n) and to g (n,), and return the cost.
+
+    root: (3, P, V) of the weights, 0 in gaps; water: (3 channels, 3); lens: (6,) and gains: (3, V), logarithms of
+    light; own: (3, V), which unknown the gain is, -1 if none. numba compiles it; `Problem.system` has the formulas.
+    """
+    views = z.shape[1]
+    n_terms = len(terms)
+    n_common = 3 + n_terms
+    D = np.zeros((views, n_common))
+    M = np.zeros(n_common)
+    x = np.zeros(views)
+    y = np.zeros(views)
+    r = np.zeros(views)
+    seen = np.zeros(views)
+    which = np.zeros(n_common, dtype=np.int64)
+    cost = 0.0
+    for c in range(3):
+        B = water[c, 0]
+        beta = water[c, 1]
+        gamma = water[c, 2]
+        products = np.zeros((n_common, n_common))
+        slope = np.zeros(n_common)
+        for k in range(n_common):
+            which[k] = 3 * c + k if k < 3 else 6 + k
+        for p in range(len(z)):
+            A = LEAST
+            xy = 0.0
+            for v in range(views):
+                if root[c, p, v] > 0:
+                    log = gains[c, v]
+                    for k in range(n_terms):
+                        log += lens[k] * terms[k, p, v]
+                    l = root[c, p, v] * math.exp(log)
+                    x[v] = l * math.exp(-beta * z[p, v])
+                    D[v, 0] = -l * math.expm1(-gamma * z[p, v])
+                    D[v, 1] = -z[p, v] * x[v]
+                    D[v, 2] = B * z[p, v] * (l - D[v, 0])
+                    y[v] = root[c, p, v] * I[c, p, v] - B * D[v, 0]
+                    A += x[v] * x[v]
+                    xy += x[v] * y[v]
+            for k in range(n_common):
+                M[k] = 0.0
+            for v in range(views):
+                if root[c, p, v] > 0:
+                    r[v] = y[v] - x[v] * xy / A
+                    seen[v] = root[c, p, v] * I[c, p, v] - r[v]
+                    cost += r[v] * r[v]
+                    D[v, 1] *= xy / A
+                    for k in range(n_terms):
+                        D[v, 3 + k] = terms[k, p, v] * seen[v]
+                    for k in range(n_common):
+                        M[k] += D[v, k] * x[v]
+                        slope[k] += D[v, k] * r[v]
+                        for m in range(k + 1):
+                            products[k, m] += D[v, k] * D[v, m]
+            for k in range(n_common):
+                for m in range(k + 1):
+                    products[k, m] -= M[k] * M[m] / A
+            for v in range(views):
+                u = own[c, v]
+                if u >= 0 and root[c, p, v] > 0:
+                    g[u] += seen[v] * r[v]
+                    H[u, u] += seen[v] * seen[v]
+                    imitated = seen[v] * x[v] / A
+                    for k in range(n_common):
+                        H[u, which[k]] += D[v, k] * seen[v] - M[k] * imitated
+                    for w in range(v + 1):
+                        if root[c, p, w] > 0:
+                            H[u, own[c, w]] -= imitated * seen[w] * x[w]
+        for k in range(n_common):
+            g[which[k]] += slope[k]
+            for m in range(k + 1):
+                H[which[k], which[m]] += products[k, m]
+    return cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -122,7 +122,12 @@ def _steps(
     n = at.shape[1]
     steps = np.zeros(at.shape)
     promised = np.zeros(len(at))
-    scale, b, low, high, t, best = np.zeros((6, n))
+    scale = np.zeros(n)
+    b = np.zeros(n)
+    low = np.zeros(n)
+    high = np.zeros(n)
+    t = np.zeros(n)
+    best = np.zeros(n)
     A = np.zeros((n, n))
     rest = np.zeros((n, n))
     known = np.zeros(n, dtype=np.bool_)

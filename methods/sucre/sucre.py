@@ -100,7 +100,7 @@ class Sucre(FillOption):
         Two small views are paired, and every pass runs over their observations, with colours of 8 bits and with those
         of matched footprints: seconds the first time, then no time.
         """
-        from sucre_bench.methods.sucre.minimise import Bounds, minimise
+        from sucre_bench.methods.sucre.light import Light, Problem, Sample
         from sucre_bench.methods.sucre.observed import Observed
         from sucre_bench.methods.sucre.passes import opened
 
@@ -120,10 +120,11 @@ class Sucre(FillOption):
         ):
             with opened(stored, self.backend, self.device) as kernel:
                 for margin in (None, np.full(3, 0.1)):
-                    system = kernel.system(water, margin)
+                    kernel.system(water, margin)
                 kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))
-        bounds = Bounds(np.zeros(3), np.ones(3), np.ones(3, dtype=bool))
-        minimise(lambda _: system, water.by_channel(), bounds, tolerance=1.0)
+        sample = Sample.of(seen.with_rays().observations, one.name)
+        problem = Problem(sample, Parts(1, lens=True))
+        problem.descend(problem.unknowns(Light.even(water, sample.views)), tolerance=1.0)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth and at specks, the water, and the standard deviation of J.
