@@ -294,14 +294,15 @@ class Problem:
         return float(np.median(self.sample.z[self.sample.shown]))
 
     @cached_property
-    def terms(self) -> Array:
-        """The terms (6, P, V) of the lens; (0, P, V) without one."""
-        return terms(self.sample.ray / self.extent)[: self.sizes[1]]
+    def summed(self) -> tuple[Array, ...]:
+        """What is summed: z, I, roots of the weights, and terms of the lens, (6, P, V) or none.
 
-    @cached_property
-    def root(self) -> Array:
-        """The roots (3, P, V) of the weights."""
-        return np.sqrt(self.sample.weight)
+        They are contiguous, since numba compiles each layout by itself.
+        """
+        sample = self.sample
+        of_lens = terms(sample.ray / self.extent)[: self.sizes[1]]
+        parts = (sample.z, sample.I, np.sqrt(sample.weight), of_lens)
+        return tuple(map(np.ascontiguousarray, parts))
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -396,13 +397,10 @@ class Problem:
             own += views * np.arange(3)[:, None] * (self.parts.gains == 3)
         H, g = np.zeros((n, n)), np.zeros(n)
         cost = compiled(_add_sums)(
-            self.sample.z,
-            self.sample.I,
-            self.root,
-            self.terms,
+            *self.summed,
             light.water.by_channel(),
             light.lens,
-            np.ascontiguousarray(light.gains.T),
+            np.array(light.gains.T, order="C"),
             own,
             H,
             g,
