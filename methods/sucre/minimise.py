@@ -151,7 +151,7 @@ def _steps(
                 A[i, j] = H[c, i, j] * scale[i] * scale[j]
             A[i, i] += damping[c] * damped[i] + _SINGULAR
         for _ in range(10 * n):
-            # The best t of the free parameters, by elimination; the others keep theirs.
+            # The best t of the free parameters, by elimination above the diagonal; the others keep theirs.
             for i in range(n):
                 best[i] = b[i] if free[i] else t[i]
                 for j in range(n):
@@ -161,9 +161,9 @@ def _steps(
             for i in range(n):
                 for j in range(i + 1, n):
                     if free[i] and free[j]:
-                        factor = rest[j, i] / rest[i, i]
+                        factor = rest[i, j] / rest[i, i]
                         best[j] -= factor * best[i]
-                        for k in range(i + 1, n):
+                        for k in range(j, n):
                             rest[j, k] -= factor * rest[i, k]
             for i in range(n - 1, -1, -1):
                 if free[i]:

@@ -14,6 +14,7 @@ What was decided is in `Solution.course`, and from there in the record of the vi
 from __future__ import annotations
 
 import functools
+from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
 from typing import Any
@@ -53,7 +54,9 @@ _NOT_BETTER = (
     "and the display stretches them"
 )
 
-_COMMON = "this view's own water makes {:.0%} of a channel darker than black, so the dive's common water was taken"
+_COMMON = "{}, so the dive's common water was taken"
+_UNDETERMINED = "this view alone does not determine a water"
+_NEGATIVE = "this view's own water makes {:.0%} of a channel darker than black"
 
 _TYPICAL_EXPOSURE = (
     "too few pixels are shared with others to find this view's exposure; the typical one was taken"
@@ -110,11 +113,17 @@ def _restored(
         # its colours stop near the photograph's, as its water stops near its start
         return seen, _unless_guessed(seen, stepped(verdict.model, seen)), []
     even, solution = _coloured(seen, fit_model(verdict.model, seen))
-    negative = _most_negative(solution)
-    if verdict.judged and negative > MOST_NEGATIVE:
-        even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
-        if _most_negative(in_dive) < negative:
-            return even_in_dive, in_dive, [_COMMON.format(negative), *words]
+    negative, why = _most_negative(solution), ""
+    if negative > MOST_NEGATIVE:
+        why = _NEGATIVE.format(negative)
+    elif not is_determined(solution.uncertainty):
+        why = _UNDETERMINED
+    if why and verdict.judged:
+        with suppress(SolveError):
+            even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
+            is_fit = _most_negative(in_dive) < max(negative, MOST_NEGATIVE)
+            if is_fit and not in_dive.is_photograph:
+                return even_in_dive, in_dive, [_COMMON.format(why), *words]
     return even, solution, []
 
 
