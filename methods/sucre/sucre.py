@@ -67,9 +67,10 @@ class Sucre(FillOption):
     """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
-    """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
-    water that another method estimates on each image with its default options; a .json or .npz file with B, beta and
-    gamma; or a folder with one such file for each view, like restored/ of an earlier run."""
+    """own: fit each image, and the scene for those that do not determine a water; shared: fit many images of the scene
+    together; truth: the dataset's true water; METHOD: the water that another method estimates on each image with its
+    default options; a .json or .npz file with B, beta and gamma; or a folder with one such file for each view, like
+    restored/ of an earlier run."""
 
     colours: Literal["multi_view", "single_view"] = "multi_view"
     """multi_view: compute each colour from all its observations; single_view: from the image's own intensity alone,

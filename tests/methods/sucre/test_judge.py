@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground
 
-from sucre_bench import Arrays, Scene, View
+from sucre_bench import Arrays, Scene, View, load_scene
 from sucre_bench.methods.sucre import Sucre, SucrePlus, judge
 from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
@@ -218,6 +218,26 @@ def test_a_view_of_another_place_is_in_no_half(plain: Scene) -> None:
 
 def test_a_dive_is_judged_once_for_the_methods_of_a_run() -> None:
     assert judging(SucrePlus(fill=True, water="shared")) == judging(Sucre())
+
+
+def test_a_view_that_does_not_determine_its_water_takes_that_of_the_dive() -> None:
+    """Over flat ground each view sees few distances: by themselves these two have beta of red .34 and .40."""
+    scene = load_scene(
+        "nature",
+        condition="plain",
+        water="deep",
+        path="survey",
+        seed=64,
+        width=96,
+        height=72,
+        views=6,
+    )
+    first, last = (Sucre().restore(scene, view) for view in (scene.views[0], scene.views[-1]))
+    np.testing.assert_array_equal(first.water.attenuation, last.water.attenuation)
+    for result, view in ((first, scene.views[0]), (last, scene.views[-1])):
+        assert any("common water" in limit for limit in result.info["limits"])
+        error = (result.image - view.reference)[result.valid]
+        assert np.sqrt(np.mean(error**2)) < 0.013
 
 
 def test_one_model_needs_no_judge(plain: Scene) -> None:
