@@ -140,8 +140,8 @@ def _steps(
             # sums of squares, which rounding may bring below 0; parameters differ in size
             known[k] = H[c, k, k] > 0
             scale[k] = 1 / np.sqrt(H[c, k, k]) if known[k] else 0.0
-            low[k] = (lower[k] - at[c, k]) / scale[k] if known[k] else 0.0
-            high[k] = (upper[k] - at[c, k]) / scale[k] if known[k] else 0.0
+            low[k] = (lower[k] - at[c, k]) / scale[k] if known[k] else -np.inf
+            high[k] = (upper[k] - at[c, k]) / scale[k] if known[k] else np.inf
             b[k] = g[c, k] * scale[k]
             greatest = max(greatest, abs(b[k]))
             free[k] = known[k]
@@ -201,6 +201,11 @@ def _steps(
             free[first] = True
         for i in range(n):
             steps[c, i] = scale[i] * t[i]
+            # Exactly to a bound: a veil of 1e-17 has a slope by gamma, which a step would take anywhere.
+            if t[i] <= low[i]:
+                steps[c, i] = lower[i] - at[c, i]
+            elif t[i] >= high[i]:
+                steps[c, i] = upper[i] - at[c, i]
         for i in range(n):
             promised[c] += 2 * g[c, i] * steps[c, i]
             for j in range(n):
