@@ -10,12 +10,9 @@ Every second view of the dive is one half. Each model is fitted to one half, and
   alike: residuals cannot see it, but it makes many colours negative.
 - *drift*: how far, in a* b*, the median shown colour of the farthest third of the target lies from that of the nearest
   third. Water that is removed too much turns far ground.
-- *spread*: the median distance of a colour from the median of its third, mean of both thirds. A veil hides how colours
-  differ, between near and far ground as within each.
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is not more than the
-photograph's, or than that of the first steps of the paper's Adam where these are a choice; or if its drift over its
-spread is not more than the photograph's. The admissible model of the
+photograph's, or than that of the first steps of the paper's Adam where these are a choice. The admissible model of the
 least held-out error leads; of those within 5 %, the one that stands first in `_candidates`: footprints before pixels,
 since these are right where poses and depth are, and fewer parts of light. It must predict better than the paper's
 steps, or these are taken: drift, which sees differences of the ground too, does not rule them out. They stop near their
@@ -71,8 +68,8 @@ _TELLING = (Parts(lens=True), Parts(3, lens=True))
 # The rule: see above.
 BETTER, _TIE = 0.95, 1.05
 
-# The display that drift is measured in, and the least spread of colours that it is compared with.
-_SHOWN, _LEAST_SPREAD = "black-0.5-white-99", 0.1
+# The display that drift is measured in.
+_SHOWN = "black-0.5-white-99"
 
 NONE = WaterParameters.of_channels(np.zeros((3, 3)))
 NO_WATER = Model(Fit.NOTHING)
@@ -283,23 +280,16 @@ class Target:
             errors[:, view == k] = np.abs(gain * guess - true)
         return errors
 
-    def drift(self, J: Array) -> Array:
-        """Return (2,): the drift of colours (3, P) as shown, and over their spread within near and far ground."""
+    def drift(self, J: Array) -> float:
+        """Return the drift of colours (3, P), as they are shown."""
         known = np.isfinite(J).all(axis=0)
         z = self.distance[known]
-        shown = display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN)
-        ab = to_lab(shown)[:, 0, 1:]
         near, far = np.quantile(z, (1 / 3, 2 / 3))
-        parts = ab[z <= near], ab[z >= far]
-        middles = [np.median(part, axis=0) for part in parts]
-        drift = np.linalg.norm(middles[1] - middles[0])
-        spread = np.mean(
-            [
-                np.median(np.linalg.norm(part - middle, axis=1))
-                for part, middle in zip(parts, middles, strict=True)
-            ]
-        )
-        return np.array([drift, drift / max(spread, _LEAST_SPREAD)])
+        shown = to_lab(display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN))[
+            :, 0
+        ]
+        between = np.median(shown[z >= far], axis=0) - np.median(shown[z <= near], axis=0)
+        return float(np.hypot(*between[1:]))
 
 
 def _typical(light: Light, observations: Observations) -> Light:
@@ -321,13 +311,13 @@ class Court:
     """A dive whose models are judged.
 
     halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
-    the median of no water's errors, and `Target.drift` of the photograph; lights: of the parts, by parts of light, and
-    whether they were fitted robustly; fitted: models to the parts.
+    the median of no water's errors, and the photograph's drift; lights: of the parts, by parts of light, and whether
+    they were fitted robustly; fitted: models to the parts.
     """
 
     halves: list[frozenset[str]]
     parts: list[Dive]
-    targets: list[tuple[Target, float, Array]]
+    targets: list[tuple[Target, float, float]]
     on_itself: bool = False
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
     fitted: dict[Model, list[Fitted]] = field(default_factory=dict)
@@ -413,15 +403,14 @@ class Court:
             J, *_ = target.colours(fits[-1], every)
             negative.append((J < 0).mean(axis=1))
             drift.append(target.drift(J))
-        turned, relative = np.median(drift, axis=0)
-        of_photograph = np.median([drift for *_, drift in self.targets], axis=0)
         return Judged(
             model=model.words,
             held_out=self.held_out(fits[:-1]),
             negative=np.median(negative, axis=0).tolist(),
-            drift=float(turned),
-            drift_of_photograph=float(of_photograph[0]),
-            is_in_proportion=bool(relative <= of_photograph[1]),
+            drift=float(np.median(drift)),
+            drift_of_photograph=float(
+                np.median([of_photograph for *_, of_photograph in self.targets])
+            ),
         )
 
     def verdict(self, allowed: list[Model], early: list[Model]) -> Verdict | None:
@@ -492,5 +481,4 @@ class Court:
 
 def is_admissible(judged: Judged, most_drift: float) -> bool:
     """Return whether colours are above zero, and those of far ground turned no more than is allowed."""
-    is_alike = judged.drift <= most_drift or judged.is_in_proportion
-    return max(judged.negative) <= MOST_NEGATIVE and is_alike
+    return max(judged.negative) <= MOST_NEGATIVE and judged.drift <= most_drift

@@ -36,8 +36,7 @@ class Judged:
     """A model that was fitted to half of a dive's views and judged on the others; see judge.py.
 
     held_out: its error in views that it has not seen, over that of no water; negative: (3,) share of colours below
-    zero; drift: of colours from near to far ground, in a* b*, and that of the photograph; is_in_proportion: whether the
-    drift over the spread of colours within near and far ground is at most the photograph's.
+    zero; drift: of colours from near to far ground, in a* b*, and that of the photograph.
     """
 
     model: str
@@ -45,7 +44,6 @@ class Judged:
     negative: Sequence[float]
     drift: float
     drift_of_photograph: float
-    is_in_proportion: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
