@@ -57,7 +57,7 @@ def made(n_pixels: int) -> Observations:
             z = distance[part] = 1 + 9 * rng.random(n, dtype=np.float32)
             noise = np.float32(NOISE) * rng.standard_normal(n, dtype=np.float32)
             for c in range(3):
-                B, beta, gamma = map(np.float32, WATER.channel(c))
+                B, beta, gamma = map(np.float32, WATER.by_channel()[c])
                 seen = J[c, start : start + n] * transmission(z, beta) + veil(z, B, gamma) + noise
                 colour[c, part] = np.rint(255 * seen.clip(0, 1))
     return observations

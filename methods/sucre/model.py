@@ -58,10 +58,6 @@ class WaterParameters:
         """Return (3 channels, 3) float64: a row a channel, columns B, beta, gamma."""
         return np.stack([self.B, self.beta, self.gamma], axis=1).astype(np.float64)
 
-    def channel(self, c: int) -> tuple[float, float, float]:
-        """Return B, beta and gamma of one channel as plain numbers."""
-        return float(self.B[c]), float(self.beta[c]), float(self.gamma[c])
-
     @property
     def is_implausible(self) -> Mask:
         """The channels (3,) bool that scatter far more than they attenuate."""

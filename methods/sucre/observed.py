@@ -178,7 +178,7 @@ class Dive(Observed):
             else _JUDGED // len(spread)
         )
         for k in track(
-            [*spread, *others], "shared water" if most == _TARGETS else "judging models"
+            [*spread, *others], "common water" if most == _TARGETS else "judging models"
         ):
             view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
             if k in others and any(names <= group for group in linked):
@@ -189,7 +189,7 @@ class Dive(Observed):
             except (InputError, SolveError) as fault:
                 last = str(fault)
                 if most == _TARGETS:
-                    say(f"shared water skips {view.name}: {fault}")
+                    say(f"common water skips {view.name}: {fault}")
                 continue
             if found.n_repeated:
                 targets.append(

@@ -26,7 +26,7 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.methods.sucre.exact import check_pairs
 from sucre_bench.methods.sucre.judge import NO_WATER, NONE, Verdict, chosen_model, judging
 from sucre_bench.methods.sucre.known_water import water_of
-from sucre_bench.methods.sucre.light import EVEN, Light
+from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, stepped
 from sucre_bench.methods.sucre.observed import TOGETHER, Dive, Observed
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Course, Solution
@@ -54,7 +54,7 @@ _NOT_BETTER = (
     "and the display stretches them"
 )
 
-_COMMON = "{}, so the dive's common water was taken"
+_COMMON = "{}, so the dive's common water was taken, and the exposure of its first view"
 _UNDETERMINED = "this view alone does not determine a water"
 _NEGATIVE = "this view's own water makes {:.0%} of a channel darker than black"
 
@@ -118,7 +118,8 @@ def _restored(
         why = _NEGATIVE.format(negative)
     elif not is_determined(solution.uncertainty):
         why = _UNDETERMINED
-    if why and verdict.judged:
+    is_together = len(seen.scene) <= TOGETHER or verdict.model.light == EVEN_LIGHT
+    if why and verdict.judged and is_together:
         with suppress(SolveError):
             even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
             is_fit = _most_negative(in_dive) < max(negative, MOST_NEGATIVE)

@@ -15,7 +15,7 @@ from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.known_water import check_source
-from sucre_bench.methods.sucre.light import Parts, parts_of
+from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.plugins.call_method import word_before
@@ -37,7 +37,7 @@ _AFTER = "by this project, after Boittiaux et al. 2024; its authors have not see
 )
 @dataclass(frozen=True)
 class Sucre(FillOption):
-    """This project's method on SUCRe's model, to measure the water: one water for a view, one colour for each pixel.
+    """This project's method on SUCRe's model, to measure the water: one water for a view or a dive, one colour a pixel.
 
     `sucre_paper` is SUCRe as published; its authors have not seen this method. The model and its least squares are the
     paper's. Colours are eliminated, and Levenberg-Marquardt finds the water from several starts. Attenuation and
@@ -67,10 +67,10 @@ class Sucre(FillOption):
     """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
-    """own: fit each image, and the scene for those that do not determine a water; shared: fit many images of the scene
-    together; truth: the dataset's true water; METHOD: the water that another method estimates on each image with its
-    default options; a .json or .npz file with B, beta and gamma; or a folder with one such file for each view, like
-    restored/ of an earlier run."""
+    """own: fit each image; those that do not determine a water take that of the judged dive; shared: fit many images of
+    the scene together; truth: the dataset's true water; METHOD: the water that another method estimates on each image
+    with its default options; a .json or .npz file with B, beta and gamma; or a folder with one such file for each view,
+    like restored/ of an earlier run."""
 
     colours: Literal["multi_view", "single_view"] = "multi_view"
     """multi_view: compute each colour from all its observations; single_view: from the image's own intensity alone,
@@ -98,10 +98,9 @@ class Sucre(FillOption):
     def warm_up(self) -> None:
         """Import and compile everything that the first view needs, so that the time of no image includes compiling.
 
-        Two small views are paired, and every pass runs over their observations, with colours of 8 bits and with those
-        of matched footprints: seconds the first time, then no time.
+        Two small views are paired, every pass runs over their observations, with colours of 8 bits and with those of
+        matched footprints, and light is fitted: seconds the first time, then no time.
         """
-        from sucre_bench.methods.sucre.light import Light, Problem, Sample
         from sucre_bench.methods.sucre.observed import Observed
         from sucre_bench.methods.sucre.passes import opened
 
