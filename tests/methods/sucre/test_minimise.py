@@ -43,11 +43,11 @@ def test_a_parameter_that_goes_to_its_bound_ends_on_it() -> None:
     """Just above 0, a veil leaves backscatter a slope of rounding alone."""
     rng = np.random.default_rng(0)
     bounds = Bounds(np.zeros(1), np.ones(1), np.array([False]))
-    scale = 7.3
+    slope = rng.uniform(1, 10, size=(400, 1))
 
     def evaluate(rows: Array) -> ReducedSystem:
-        r = -0.2 - scale * rows
-        return ReducedSystem(np.full((40, 1, 1), scale**2), scale * r, (r * r)[:, 0])
+        r = -0.2 - slope * rows
+        return ReducedSystem((slope**2)[:, None], slope * r, (r * r)[:, 0])
 
-    end = minimise(evaluate, rng.uniform(0.1, 0.9, size=(40, 1)), bounds, tolerance=1e-9)
+    end = minimise(evaluate, rng.uniform(0.1, 0.9, size=(400, 1)), bounds, tolerance=1e-9)
     assert (end.at == 0).all()
