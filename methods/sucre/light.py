@@ -314,6 +314,14 @@ class Problem:
         return sum(self.sizes)
 
     @cached_property
+    def own(self) -> Indices:
+        """Which unknown the gain of each channel and view is, (3, V); -1 without gains."""
+        own = np.full((3, len(self.sample.views)), -1)
+        if self.parts.gains:
+            own[:] = np.arange(self.size - self.sizes[2], self.size).reshape(self.parts.gains, -1)
+        return own
+
+    @cached_property
     def prior(self) -> Array:
         """The precision (n, n) of the unknowns beforehand, times the variance of the noise."""
         if self.precision is not None:
@@ -390,26 +398,23 @@ class Problem:
         is 0 in all other views. So products of the D' of two views need sums over pixels only: with M = sum_v x D,
         D'^T D' = D^T D - M^T M / A and A = sum_v x^2, x being the column of the colour.
         """
-        views, light = len(self.sample.views), self.light(u)
-        n, own = len(u), np.full((3, views), -1)
-        if self.parts.gains:
-            own[:] = n - views * self.parts.gains + np.arange(views)
-            own += views * np.arange(3)[:, None] * (self.parts.gains == 3)
-        H, g = np.zeros((n, n)), np.zeros(n)
+        light = self.light(u)
+        H, g = np.zeros((self.size, self.size)), np.zeros(self.size)
         cost = compiled(_add_sums)(
             *self.summed,
             light.water.by_channel(),
             light.lens,
             np.array(light.gains.T, order="C"),
-            own,
+            self.own,
             H,
             g,
         )
         H += np.tril(H, -1).T + self.prior
         g -= self.prior @ u
         cost += float(u @ self.prior @ u)
-        held = n - views * np.arange(1, self.parts.gains + 1) + self.sample.target
-        H[held], H[:, held], g[held] = 0, 0, 0
+        if self.parts.gains:
+            held = self.own[:, self.sample.target]
+            H[held], H[:, held], g[held] = 0, 0, 0
         return ReducedSystem(H[None], g[None], np.array([cost]))
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:

@@ -68,7 +68,9 @@ def minimise(
     evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding.
     """
     at = np.clip(start, bounds.lower, bounds.upper)
-    system = evaluate(at)
+    first = evaluate(at)
+    # contiguous, as later systems are: numba compiles the steps for each layout
+    system = ReducedSystem(*map(np.ascontiguousarray, (first.H, first.g, first.cost)))
     steps_inside = functools.partial(compiled(_steps), bounds.lower, bounds.upper, bounds.damped)
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
     better = np.ones(len(at), dtype=bool)

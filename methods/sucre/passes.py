@@ -279,9 +279,7 @@ class Kernel:
         parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
         # of D'_B, D'_beta, D'_gamma and r
         total = sum((part for _, part in parts), np.zeros((3, 4, 4)))
-        # contiguous: numba compiles the steps for each layout
-        H, g = (np.ascontiguousarray(part) for part in (total[:, :3, :3], total[:, :3, 3]))
-        return ReducedSystem(H, g, total[:, 3, 3])
+        return ReducedSystem(total[:, :3, :3], total[:, :3, 3], total[:, 3, 3])
 
     def colours(
         self, water: WaterParameters, noise: Array, covariance: Array

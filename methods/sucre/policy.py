@@ -113,17 +113,18 @@ def _restored(
         # its colours stop near the photograph's, as its water stops near its start
         return seen, _unless_guessed(seen, stepped(verdict.model, seen)), []
     even, solution = _coloured(seen, fit_model(verdict.model, seen))
-    negative, why = _most_negative(solution), ""
-    if negative > MOST_NEGATIVE:
-        why = _NEGATIVE.format(negative)
-    elif not is_determined(solution.uncertainty):
-        why = _UNDETERMINED
-    is_together = len(seen.scene) <= TOGETHER or verdict.model.light == EVEN_LIGHT
-    if why and verdict.judged and is_together:
+    negative = _most_negative(solution)
+    is_dark = negative > MOST_NEGATIVE
+    has_own = is_determined(solution.uncertainty) and not is_dark
+    has_common = verdict.judged and (
+        len(seen.scene) <= TOGETHER or verdict.model.light == EVEN_LIGHT
+    )
+    if has_common and not has_own:
         with suppress(SolveError):
             even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
             is_fit = _most_negative(in_dive) < max(negative, MOST_NEGATIVE)
             if is_fit and not in_dive.is_photograph:
+                why = _NEGATIVE.format(negative) if is_dark else _UNDETERMINED
                 return even_in_dive, in_dive, [_COMMON.format(why), *words]
     return even, solution, []
 
