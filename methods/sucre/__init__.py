@@ -8,7 +8,7 @@ one water and one colour a pixel.
 | `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus`; `sucre_paper` |
 | `adam.py`, `adam_loops.py` | the steps of `sucre_paper`, on a GPU and as compiled loops |
 | `model.py` | the image formation model, its parameters, and their least-squares problem |
-| `minimise.py` | Levenberg-Marquardt for a few bounded parameters |
+| `minimise.py` | Newton's method for a few bounded parameters |
 | `passes.py`, `numba_loops.py` | the passes that sum it up, for array libraries and as compiled loops |
 | `exact.py` | the minimum: starts, choice between minima, weak priors |
 | `observed.py`, `residuals.py` | a view or a dive with its observations; how far these are from a fit |

@@ -149,7 +149,7 @@ def fit(
         starts = _promising(evaluate, distance)
         is_searched = near is None and free is None
         tried = [
-            search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15)
+            search.descended(evaluate, at, tolerance=_SCREENED, most=15)
             for at in (starts if is_searched else [])
         ]
     if near is not None:
@@ -203,7 +203,7 @@ class _Search:
     ) -> Minimum:
         """Return where a start leads; tied: with gamma = beta, from rows that have one coefficient."""
         most = _MOST_DEPTH / self.distance  # rates for scenes seen from about this distance
-        bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
+        bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([True, False, False]))
         if not tied:
             return minimise(evaluate, start, bounds, **limits)
         end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, bounds, **limits)
@@ -360,7 +360,7 @@ def _best(ends: Sequence[Minimum]) -> Minimum:
         return np.stack([values[which[c]][c] for c in range(3)])
 
     system = ReducedSystem(
-        *(pick([getattr(end.system, name) for end in ends]) for name in ("H", "g", "cost"))
+        *(pick([getattr(end.system, name) for end in ends]) for name in ("H", "g", "cost", "K"))
     )
     at, free, converged = (
         pick([getattr(end, name) for end in ends]) for name in ("at", "free", "converged")
@@ -415,6 +415,7 @@ def _with_priors(evaluate: _Evaluate, noise: Array, distance: float, channels: M
             np.einsum("cki,ckj->cij", J, J),
             -np.einsum("cki,ck->ci", J, residual),
             (residual**2).sum(axis=1),
+            np.einsum("cki,ckj->cij", J, J),
         )
         return evaluate(rows) + prior
 

@@ -11,7 +11,7 @@ coefficients.
 | white_balance | the same for each channel | a camera that also balances white automatically |
 | lens | to log l six terms of the place in the image, the same in all views | vignetting |
 
-Colours are eliminated as in model.py. Levenberg-Marquardt then fits the water and the coefficients together. l is 1 in
+Colours are eliminated as in model.py. Newton's method then fits the water and the coefficients together. l is 1 in
 the middle of the target.
 
 Distances separate light from water only in part, and what a simple model leaves out looks like light. So the
@@ -73,8 +73,8 @@ _STARTS = ((0.1, 0.3), (0.7, 0.7))
 # Pixels that the starts are tried on.
 _SCREEN = 300
 
-# Tolerance of the starts and of the last descent; most steps.
-_ROUGHLY, _TOLERANCE, _STEPS = 1e-4, 1e-6, 40
+# Tolerance of the starts and of the last descent.
+_ROUGHLY, _TOLERANCE = 1e-4, 1e-6
 
 # Largest logarithm of a coefficient, and optical depth over the median distance.
 _MOST, _DEEPEST = 3.0, 30.0
@@ -364,9 +364,9 @@ class Problem:
             0,
             np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3),
         )
-        damped = np.ones(len(most), dtype=bool)
-        damped[[0, 3, 6]] = False
-        return Bounds(least, most, damped)
+        linear = np.zeros(len(most), dtype=bool)
+        linear[[0, 3, 6]] = True
+        return Bounds(least, most, linear)
 
     def unknowns(self, light: Light) -> Array:
         """Return the unknowns of a light with fewer parts; the others are 0."""
@@ -392,14 +392,17 @@ class Problem:
         )
 
     def system(self, u: Array) -> ReducedSystem:
-        """Return H (1, n, n), g and the cost around unknowns, colours eliminated, with the priors.
+        """Return the system (1, n) around unknowns, colours eliminated, with the priors (model.py).
 
-        Of a column D of the unknowns only the part D' counts that no colour imitates (model.py). The column of a gain
-        is 0 in all other views. So products of the D' of two views need sums over pixels only: with M = sum_v x D,
-        D'^T D' = D^T D - M^T M / A and A = sum_v x^2, x being the column of the colour.
+        x is the column of the colour, A = sum_v x^2. The column of a gain is 0 in all other views, so products of two
+        views need sums over pixels only: with M = sum_v x D,
+
+            H = sum D^T D - M^T M / A,    K = sum D^T D - r D_u - N^T N / A,    N = M - sum_v r x_u,
+
+        D_u and x_u being the derivatives of D and x by the unknowns.
         """
         light = self.light(u)
-        H, g = np.zeros((self.size, self.size)), np.zeros(self.size)
+        H, K, g = (np.zeros((self.size,) * n) for n in (2, 2, 1))
         cost = compiled(_add_sums)(
             *self.summed,
             light.water.by_channel(),
@@ -407,23 +410,21 @@ class Problem:
             np.array(light.gains.T, order="C"),
             self.own,
             H,
+            K,
             g,
         )
-        H += np.tril(H, -1).T + self.prior
+        for each in (H, K):
+            each += np.tril(each, -1).T + self.prior
         g -= self.prior @ u
         cost += float(u @ self.prior @ u)
         if self.parts.gains:
             held = self.own[:, self.sample.target]
             H[held], H[:, held], g[held] = 0, 0, 0
-        return ReducedSystem(H[None], g[None], np.array([cost]))
+        return ReducedSystem(H[None], g[None], np.array([cost]), K[None])
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
         end = minimise(
-            lambda u: self.system(u[0]),
-            start[None],
-            self.bounds,
-            tolerance=tolerance,
-            max_steps=_STEPS,
+            lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance
         )
         return end.at[0], end.system
 
@@ -438,9 +439,10 @@ def _add_sums(
     gains: Any,
     own: Any,
     H: Any,
+    K: Any,
     g: Any,
 ) -> Any:
-    """Add the sums over a sample to the lower triangle of H (n, n) and to g (n,), and return the cost.
+    """Add the sums over a sample to the lower triangles of H and K (n, n) and to g (n,), and return the cost.
 
     root: (3, P, V) of the weights, 0 in gaps; water: (3 channels, 3); lens: (6,) and gains: (3, V), logarithms of
     light; own: (3, V), which unknown the gain is, -1 if none. numba compiles it; `Problem.system` has the formulas.
@@ -450,9 +452,11 @@ def _add_sums(
     n_common = 3 + n_terms
     D = np.zeros((views, n_common))
     M = np.zeros(n_common)
+    N = np.zeros(n_common)
     x = np.zeros(views)
     y = np.zeros(views)
     r = np.zeros(views)
+    by_both = np.zeros(views)
     seen = np.zeros(views)
     which = np.zeros(n_common, dtype=np.int64)
     cost = 0.0
@@ -460,7 +464,8 @@ def _add_sums(
         B = water[c, 0]
         beta = water[c, 1]
         gamma = water[c, 2]
-        products = np.zeros((n_common, n_common))
+        of_H = np.zeros((n_common, n_common))
+        of_K = np.zeros((n_common, n_common))
         slope = np.zeros(n_common)
         for k in range(n_common):
             which[k] = 3 * c + k if k < 3 else 6 + k
@@ -476,43 +481,59 @@ def _add_sums(
                     x[v] = l * math.exp(-beta * z[p, v])
                     D[v, 0] = -l * math.expm1(-gamma * z[p, v])
                     D[v, 1] = -z[p, v] * x[v]
-                    D[v, 2] = B * z[p, v] * (l - D[v, 0])
+                    by_both[v] = z[p, v] * (l - D[v, 0])
+                    D[v, 2] = B * by_both[v]
                     y[v] = root[c, p, v] * I[c, p, v] - B * D[v, 0]
                     A += x[v] * x[v]
                     xy += x[v] * y[v]
             for k in range(n_common):
                 M[k] = 0.0
+                N[k] = 0.0
             for v in range(views):
                 if root[c, p, v] > 0:
                     r[v] = y[v] - x[v] * xy / A
                     seen[v] = root[c, p, v] * I[c, p, v] - r[v]
                     cost += r[v] * r[v]
+                    N[1] -= D[v, 1] * r[v]
                     D[v, 1] *= xy / A
+                    of_K[1, 1] += z[p, v] * D[v, 1] * r[v]
+                    of_K[2, 2] += z[p, v] * D[v, 2] * r[v]
+                    of_K[2, 0] -= by_both[v] * r[v]
                     for k in range(n_terms):
                         D[v, 3 + k] = terms[k, p, v] * seen[v]
+                        N[3 + k] -= terms[k, p, v] * x[v] * r[v]
+                        for m in range(4 + k):
+                            of_K[3 + k, m] -= terms[k, p, v] * D[v, m] * r[v]
                     for k in range(n_common):
                         M[k] += D[v, k] * x[v]
                         slope[k] += D[v, k] * r[v]
                         for m in range(k + 1):
-                            products[k, m] += D[v, k] * D[v, m]
+                            of_H[k, m] += D[v, k] * D[v, m]
             for k in range(n_common):
+                N[k] += M[k]
                 for m in range(k + 1):
-                    products[k, m] -= M[k] * M[m] / A
+                    of_H[k, m] -= M[k] * M[m] / A
+                    of_K[k, m] += (M[k] * M[m] - N[k] * N[m]) / A
             for v in range(views):
                 u = own[c, v]
                 if u >= 0 and root[c, p, v] > 0:
+                    more = seen[v] - r[v]
                     g[u] += seen[v] * r[v]
                     H[u, u] += seen[v] * seen[v]
-                    imitated = seen[v] * x[v] / A
+                    K[u, u] += seen[v] * more
                     for k in range(n_common):
-                        H[u, which[k]] += D[v, k] * seen[v] - M[k] * imitated
+                        H[u, which[k]] += (D[v, k] - M[k] * x[v] / A) * seen[v]
+                        K[u, which[k]] += (D[v, k] - N[k] * x[v] / A) * more
                     for w in range(v + 1):
                         if root[c, p, w] > 0:
-                            H[u, own[c, w]] -= imitated * seen[w] * x[w]
+                            both = x[v] * x[w] / A
+                            H[u, own[c, w]] -= both * seen[v] * seen[w]
+                            K[u, own[c, w]] -= both * more * (seen[w] - r[w])
         for k in range(n_common):
             g[which[k]] += slope[k]
             for m in range(k + 1):
-                H[which[k], which[m]] += products[k, m]
+                H[which[k], which[m]] += of_H[k, m]
+                K[which[k], which[m]] += of_H[k, m] + of_K[k, m]
     return cost
 
 

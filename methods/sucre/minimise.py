@@ -1,10 +1,10 @@
-"""Levenberg-Marquardt on a few bounded parameters, for several independent problems side by side.
+"""Newton's method on a few bounded parameters, for several independent problems side by side.
 
-It knows nothing of images: `evaluate` returns H, g and the cost of every problem at given parameters (model.py). Each
-step minimises the damped linear model inside the bounds (see `_steps`). The damping is Nielsen's (1999): it falls
-smoothly with how well the linear model predicted the gain, and rises faster after every failure. Parameters that enter
-linearly are not damped, so each step takes them to their optimum for the step of the others (Ruhe & Wedin 1980,
-algorithm 2).
+It knows nothing of images: `evaluate` returns the system of every problem at given parameters (model.py). Each step
+minimises the quadratic model inside the bounds (see `_steps`). Where the cost is not convex, the model is lifted until
+it is (`_lift`). Steps are damped, by Nielsen's rule (1999): the damping falls smoothly with how well the model
+predicted the gain, and rises faster after every failure. After each step, parameters that enter linearly go to their
+optimum for the others (`settled`; Ruhe & Wedin 1980).
 """
 
 from __future__ import annotations
@@ -25,17 +25,25 @@ _FIRST_DAMPING = 1e-3
 # With so much damping no step of any length lowers the cost: it is at its rounding, or at a kink.
 _STUCK = 1e12
 
-# Added to a matrix of unit diagonal, so that parameters of which only a combination matters have a step.
-_SINGULAR = 1e-12
+# Added to a matrix of unit diagonal, so that parameters of which only a combination matters have a step; and besides
+# the lift of one that is not convex.
+_SINGULAR, _CONVEX = 1e-12, 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """lower, upper: (n,), the range of each parameter; damped: (n,) bool, parameters that do not enter linearly."""
+    """lower, upper: (n,), the range of each parameter; linear: (n,) bool, those that enter linearly.
+
+    Of two linear ones no best value depends on the other's.
+    """
 
     lower: Array
     upper: Array
-    damped: Mask
+    linear: Mask
+
+    def held(self, at: Array, g: Array) -> Mask:
+        """The parameters (C, n) at a bound that the cost pushes out."""
+        return ((at <= self.lower) & (g < 0)) | ((at >= self.upper) & (g > 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,32 +69,48 @@ def minimise(
     *,
     tolerance: float,
     floor: float = 0.0,
-    max_steps: int = 60,
+    most: int = 100,
 ) -> Minimum:
     """Lower the cost of each problem from start (C, n) until a step promises less than tolerance (cost + floor).
 
-    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding.
+    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding; most: evaluations after the first.
     """
-    at = np.clip(start, bounds.lower, bounds.upper)
-    first = evaluate(at)
-    # contiguous, as later systems are: numba compiles the steps for each layout
-    system = ReducedSystem(*map(np.ascontiguousarray, (first.H, first.g, first.cost)))
-    steps_inside = functools.partial(compiled(_steps), bounds.lower, bounds.upper, bounds.damped)
+    n_evaluations = 0
+
+    def settled(at: Array, below: Any) -> tuple[Array, ReducedSystem]:
+        """Evaluate, with linear parameters at their best where that matters and can bring the cost below a limit."""
+        nonlocal n_evaluations
+        system = evaluate(at)
+        n_evaluations += 1
+        curve = np.einsum("cii->ci", system.H)
+        is_free = bounds.linear & (curve > 0)
+        moved = np.divide(system.g, curve, out=np.zeros_like(at), where=is_free)
+        moved = np.clip(at + moved, bounds.lower, bounds.upper) - at
+        gain = (2 * system.g * moved - curve * moved**2).sum(axis=1)
+        matters = gain > tolerance * (system.cost + floor)
+        if not (matters & (system.cost - gain < below)).any():
+            return at, system
+        best = evaluate(at + moved)
+        n_evaluations += 1
+        lower = best.cost < system.cost
+        return np.where(lower[:, None], at + moved, at), best.where(lower, system)
+
+    steps_inside = functools.partial(compiled(_steps), bounds.lower, bounds.upper)
+    at, system = settled(np.clip(start, bounds.lower, bounds.upper), np.inf)
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
     better = np.ones(len(at), dtype=bool)
-    last, most_gain = np.zeros_like(at), np.zeros(len(at))
-    for step_count in range(max_steps + 1):
-        # A short damped step is no convergence. Where nothing moved, the step is the one before.
-        steps, promised = steps_inside(at, system.H, system.g, np.zeros(len(at)), better)
-        last = np.where(better[:, None], steps, last)
-        most_gain = np.where(better, promised, most_gain)
+    while True:
+        if better.any():
+            size, lift = _lift(system, ~bounds.held(at, system.g))
+            # A short damped step is no convergence.
+            last, most_gain = steps_inside(at, system.K, system.g, size, lift)
         promised_little = most_gain <= tolerance * (system.cost + floor)
         converged = promised_little | (damping >= _STUCK)
-        if converged.all() or step_count == max_steps:
+        if converged.all() or n_evaluations > most:
             break
-        steps, promised = steps_inside(at, system.H, system.g, damping, ~converged)
+        steps, promised = steps_inside(at, system.K, system.g, size, lift + damping)
         trial = np.where(converged[:, None], at, np.clip(at + steps, bounds.lower, bounds.upper))
-        tried = evaluate(trial)
+        trial, tried = settled(trial, np.where(converged, -np.inf, system.cost))
         gain = (system.cost - tried.cost) / np.maximum(promised, np.finfo(float).tiny)
         better = (gain > 0) & ~converged
         damping = np.where(
@@ -96,30 +120,39 @@ def minimise(
         )
         growth = np.where(better, 2.0, 2 * growth)
         at = np.where(better[:, None], trial, at)
-        H = np.where(better[:, None, None], tried.H, system.H)
-        g = np.where(better[:, None], tried.g, system.g)
-        system = ReducedSystem(H, g, np.where(better, tried.cost, system.cost))
+        system = tried.where(better, system)
         damping = damping.clip(max=_STUCK)
     at = np.clip(at + np.where(promised_little[:, None], last, 0), bounds.lower, bounds.upper)
-    held = ((at <= bounds.lower) & (system.g < 0)) | ((at >= bounds.upper) & (system.g > 0))
-    free = np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
-    return Minimum(at, system, free, step_count, converged)
+    free = ~bounds.held(at, system.g) & (np.einsum("cii->ci", system.H) > 0)
+    return Minimum(at, system, free, n_evaluations - 1, converged)
 
 
-def _steps(
-    lower: Any, upper: Any, damped: Any, at: Any, H: Any, g: Any, damping: Any, which: Any
-) -> Any:
-    """Return the step s (C, n) of each problem to the minimum of its damped linear model inside the bounds.
+def _lift(system: ReducedSystem, free: Mask) -> tuple[Array, Array]:
+    """Return the size (C, n) of each parameter's curvature, and by how much (C,) of it K is lifted to be convex.
 
-    Also by how much (C,) each lowers the cost of the linear model: 2 g^T s - s^T H s. which: (C,) bool, the problems to
-    solve; the others get a step of 0. numba compiles it.
+    free: (C, n) bool, parameters that no bound holds. The size of one that nothing depends on is 0.
+    """
+    of_H, of_K = (np.einsum("cii->ci", each) for each in (system.H, system.K))
+    size = np.where(of_H > 0, np.maximum(of_H, np.abs(of_K)), 0)
+    known = free & (size > 0)
+    scale = np.divide(1, np.sqrt(size), out=np.zeros_like(size), where=known)
+    scaled = system.K * scale[:, :, None] * scale[:, None, :]
+    scaled += np.eye(size.shape[1]) * ~known[:, None, :]
+    lowest = np.linalg.eigvalsh(scaled)[:, 0]
+    return size, np.where(lowest < 0, -1.1 * lowest + _CONVEX, 0)
 
-    With the scale S = diag(H)^-1/2 and A = S H S + damping diag(damped), s = S t solves
+
+def _steps(lower: Any, upper: Any, at: Any, K: Any, g: Any, size: Any, damping: Any) -> Any:
+    """Return the step s (C, n) of each problem to the minimum of its damped quadratic model inside the bounds.
+
+    Also by how much (C,) each lowers the model: 2 g^T s - s^T K s. size: (C, n), see `_lift`. numba compiles it.
+
+    With the scale S = size^-1/2 and A = S K S + damping, s = S t solves
 
         min_t  t^T A t - 2 (S g)^T t    subject to    lower <= at + S t <= upper
 
     by active sets (Stark & Parker 1995). A parameter that reaches its bound is held there. Of those that would rather
-    leave it, one is let free at a time. Parameters that nothing depends on (H_kk = 0) stay.
+    leave it, one is let free at a time. Parameters that nothing depends on (size 0) stay.
     """
     n = at.shape[1]
     steps = np.zeros(at.shape)
@@ -135,13 +168,10 @@ def _steps(
     known = np.zeros(n, dtype=np.bool_)
     free = np.zeros(n, dtype=np.bool_)
     for c in range(len(at)):
-        if not which[c]:
-            continue
         greatest = 0.0
         for k in range(n):
-            # sums of squares, which rounding may bring below 0; parameters differ in size
-            known[k] = H[c, k, k] > 0
-            scale[k] = 1 / np.sqrt(H[c, k, k]) if known[k] else 0.0
+            known[k] = size[c, k] > 0
+            scale[k] = 1 / np.sqrt(size[c, k]) if known[k] else 0.0
             low[k] = (lower[k] - at[c, k]) / scale[k] if known[k] else -np.inf
             high[k] = (upper[k] - at[c, k]) / scale[k] if known[k] else np.inf
             b[k] = g[c, k] * scale[k]
@@ -150,8 +180,8 @@ def _steps(
             t[k] = 0.0
         for i in range(n):
             for j in range(n):
-                A[i, j] = H[c, i, j] * scale[i] * scale[j]
-            A[i, i] += damping[c] * damped[i] + _SINGULAR
+                A[i, j] = K[c, i, j] * scale[i] * scale[j]
+            A[i, i] += damping[c] + _SINGULAR
         for _ in range(10 * n):
             # The best t of the free parameters, by elimination above the diagonal; the others keep theirs.
             for i in range(n):
@@ -211,5 +241,5 @@ def _steps(
         for i in range(n):
             promised[c] += 2 * g[c, i] * steps[c, i]
             for j in range(n):
-                promised[c] -= steps[c, i] * H[c, i, j] * steps[c, j]
+                promised[c] -= steps[c, i] * K[c, i, j] * steps[c, j]
     return steps, promised

@@ -9,11 +9,14 @@ of the same library for the parameters, broadcast as usual.
 Eliminated colours. SUCRe's eq. 7 minimises sum r^2 with r = I - J a - b, for each channel over B, beta, gamma and one J
 a pixel. Given the water, J_p = sum a (I - b) / sum a^2 over the observations of pixel p. Putting that back leaves a
 problem in three unknowns a channel (variable projection, Golub & Pereyra 1973). With D = dI/d(B, beta, gamma) and the
-part of D that no change of J_p can imitate, D' = D - a (sum a D) / (sum a^2), its Gauss-Newton system is
+part of D that no change of J_p can imitate, D' = D - a (sum a D) / (sum a^2), it has
 
-    H step = g,    H = sum D'^T D',    g = sum D'^T r,    cost = sum r^2.
+    g = sum D'^T r,    cost = sum r^2,    H = sum D'^T D',
+    K = H + the terms that r multiplies: half the second derivatives of the cost.
 
-The sums are over all pixels, so the systems of several images in one water add up.
+H step = g is its Gauss-Newton step, K step = g Newton's. In images r is large beside what D' tells of B and gamma, so
+that K is up to 100 times H, and 150 Gauss-Newton steps do what 10 of Newton's do. The sums are over all pixels, so the
+systems of several images in one water add up.
 """
 
 from __future__ import annotations
@@ -72,19 +75,33 @@ class WaterParameters:
 class ReducedSystem:
     """The reduced problem around one water, for C channels with n = 3 parameters each: B, beta, gamma.
 
-    H: (C, n, n) float64; g: (C, n) float64, minus half the gradient of the cost; cost: (C,) float64.
+    H: (C, n, n) float64, of Gauss and Newton; g: (C, n) float64, minus half the gradient of the cost; cost: (C,)
+    float64; K: (C, n, n) float64, half the second derivatives of the cost.
     """
 
     H: Array
     g: Array
     cost: Array
+    K: Array
 
     def __add__(self, other: ReducedSystem) -> ReducedSystem:
-        return ReducedSystem(self.H + other.H, self.g + other.g, self.cost + other.cost)
+        return ReducedSystem(
+            self.H + other.H, self.g + other.g, self.cost + other.cost, self.K + other.K
+        )
+
+    def where(self, which: Mask, other: ReducedSystem) -> ReducedSystem:
+        """Return this system of some channels, (C,) bool, and another's of the others."""
+        return ReducedSystem(
+            np.where(which[:, None, None], self.H, other.H),
+            np.where(which[:, None], self.g, other.g),
+            np.where(which, self.cost, other.cost),
+            np.where(which[:, None, None], self.K, other.K),
+        )
 
     def tied(self) -> ReducedSystem:
         """Return the system of gamma = beta: a step of beta is one of both, and gamma has none of its own."""
-        return ReducedSystem(TIED @ self.H @ TIED.T, self.g @ TIED.T, self.cost)
+        H, K = (TIED @ of_three @ TIED.T for of_three in (self.H, self.K))
+        return ReducedSystem(H, self.g @ TIED.T, self.cost, K)
 
 
 def transmission(z: Any, beta: Any) -> Any:

@@ -101,16 +101,43 @@ def _first_sweep(
 
 
 @inline
-def _project(z: Any, kept: Any, sums: Any) -> None:
-    """Turn what a slot kept into columns: D'_B, D'_beta, D'_gamma / B, r. The sums over A are by now J and means."""
+def _project(z: Any, kept: Any, sums: Any, bent: Any) -> None:
+    """Turn what a slot kept into columns: D'_B, D'_beta, D'_gamma / B, r. The sums over A are by now J and means.
+
+    bent: see Eliminated.bent; what a slot adds by itself. sums[5]: (n,) what it adds to the slope of each pixel.
+    """
     x, d, g, y = kept[0], kept[1], kept[2], kept[3]
-    J, mean_d, mean_z, mean_g = sums[1], sums[2], sums[3], sums[4]
+    J, mean_d, mean_z, mean_g, slope = sums[1], sums[2], sums[3], sums[4], sums[5]
+    beta_beta = B_gamma = gamma_gamma = _ZERO
     for i in range(len(z)):
-        x_i = x[i]
-        x[i] = d[i] - x_i * mean_d[i]
-        d[i] = J[i] * x_i * (mean_z[i] - z[i])
-        g[i] -= x_i * mean_g[i]
+        x_i, g_i = x[i], g[i]
+        far = z[i] - mean_z[i]
         y[i] -= x_i * J[i]
+        slope_i = far * x_i * y[i]
+        slope[i] += slope_i
+        beta_beta -= J[i] * far * slope_i
+        B_gamma -= g_i * y[i]
+        gamma_gamma += z[i] * g_i * y[i]
+        x[i] = d[i] - x_i * mean_d[i]
+        d[i] = -J[i] * x_i * far
+        g[i] -= x_i * mean_g[i]
+    bent[1, 1] += beta_beta
+    bent[0, 2] += B_gamma
+    bent[2, 2] += gamma_gamma
+
+
+@inline
+def _add_slopes(sums: Any, n: int, bent: Any) -> None:
+    """Add what the slopes of n pixels tell of `bent` together."""
+    A, mean_d, mean_g, slope = sums[0], sums[2], sums[4], sums[5]
+    B_beta = beta_beta = gamma_beta = _ZERO
+    for i in range(n):
+        B_beta -= mean_d[i] * slope[i]
+        beta_beta -= slope[i] * slope[i] / max(A[i], _LEAST)
+        gamma_beta -= mean_g[i] * slope[i]
+    bent[0, 1] += B_beta
+    bent[1, 1] += beta_beta
+    bent[1, 2] += gamma_beta
 
 
 @inline
@@ -150,7 +177,7 @@ def _sum_block(
     distance, colour, weight, starts, scale = store
     log2_e = np.float32(LOG2_E)
     rates = (-water[1] * log2_e, -water[2] * log2_e)
-    for row in range(5):
+    for row in range(6):
         for i in range(n):
             sums[row, i] = _ZERO
     slots = 0
@@ -181,26 +208,14 @@ def _sum_block(
 
 
 @inline
-def _hold(
-    kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any
-) -> None:
-    """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's.
-
-    Of beta it needs sum z x r, which is sum D'_beta r over -J, as sum x r is 0.
-    """
-    first = kept[0]
-    for i in range(n):
-        first[1, i] *= first[3, i]
-    for k in range(1, slots):
-        q, v = kept[k, 1], kept[k, 3]
-        for i in range(min(n, starts[k + 1] - starts[k] - start)):
-            first[1, i] += q[i] * v[i]
+def _hold(first: Any, n: int, sums: Any, margin: Any, total: Any) -> None:
+    """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's."""
     for i in range(n):
         root, J = np.sqrt(sums[0, i]), sums[1, i]
         short = root * J + margin
         held = short < _ZERO
         first[0, i] = -_WALL * sums[2, i] * root if held else _ZERO
-        first[1, i] = _WALL * first[1, i] / (J * root) if held else _ZERO
+        first[1, i] = -_WALL * sums[5, i] / root if held else _ZERO
         first[2, i] = -_WALL * sums[4, i] * root if held else _ZERO
         first[3, i] = -_WALL * short if held else _ZERO
     _add_products(first, n, total)
@@ -208,28 +223,35 @@ def _hold(
 
 @loop
 def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
-    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see passes.products."""
+    """The products (3, 4, 7) of a share's pixels (start, stop, slots), `size` at a time; see passes.products."""
     distance, _, _, starts, _ = store
     start, stop, slots = share
-    kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
+    kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((6, size), dtype=np.float32)
     roots = np.ones(size, dtype=np.float32)
-    total = np.zeros((3, 4, 4))
+    total = np.zeros((3, 4, 7))
     for begin in range(start, stop, size):
         n = min(size, stop - begin)
         for c in range(3):
             used = _sum_block(store, c, begin, n, water[c], roots, kept, sums)
             for k in range(used):
                 n_k = min(n, starts[k + 1] - starts[k] - begin)
-                _project(distance[starts[k] + begin : starts[k] + begin + n_k], kept[k], sums)
+                part = slice(starts[k] + begin, starts[k] + begin + n_k)
+                _project(distance[part], kept[k], sums, total[c, :, 4:])
                 _add_products(kept[k], n_k, total[c])
+            _add_slopes(sums, n, total[c, :, 4:])
             if len(margin):
-                _hold(kept, used, n, starts, begin, sums, margin[c], total[c])
+                _hold(kept[0], n, sums, margin[c], total[c])
     for c in range(3):
         for i in range(4):
             total[c, i, 2] *= water[c, 0]  # the column of D_gamma is without its factor B
             total[c, 2, i] *= water[c, 0]
             for j in range(i):
                 total[c, i, j] = total[c, j, i]
+        total[c, 1, 6] *= water[c, 0]
+        total[c, 2, 6] *= water[c, 0]
+        for i in range(3):
+            for j in range(i):
+                total[c, i, 4 + j] = total[c, j, 4 + i]
     return total
 
 
@@ -239,7 +261,7 @@ def _share_colours(
 ) -> None:
     """Write J and its deviation, (2, 3, n), of a share's pixels; see passes.colours."""
     start, stop, _ = share
-    kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
+    kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((6, size), dtype=np.float32)
     roots = np.ones(size, dtype=np.float32)
     for begin in range(start, stop, size):
         n = min(size, stop - begin)

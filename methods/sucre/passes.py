@@ -200,6 +200,27 @@ class Eliminated:
         D = [self.d - x * self.mean(self.d), of_beta, self.g - x * self.mean(self.g), self.r]
         return library_of(x).stack(D, 1)
 
+    @property
+    def bent(self) -> Any:
+        """What r adds to half the second derivatives by B, beta and gamma, and a row of 0: (3, 4, 3)."""
+        far = self.z - self.mean(self.x * self.z)
+        slope = (far * self.x * self.r).sum(1, keepdims=True)
+        twice_beta = -(self.J * far * far * self.x * self.r).sum(1, keepdims=True)
+        twice_beta = twice_beta - slope * slope / self.A.clip(min=LEAST)
+        of_pixels = [-self.mean(self.d) * slope, twice_beta, -self.mean(self.g) * slope]
+        B_beta, beta_beta, gamma_beta = (each.sum((1, 2)) for each in of_pixels)
+        B_gamma = -(self.z * (self.s - self.d) * self.r).sum((1, 2))
+        gamma_gamma = (self.z * self.g * self.r).sum((1, 2))
+        none = 0 * B_gamma
+        rows = (
+            (none, B_beta, B_gamma),
+            (B_beta, beta_beta, gamma_beta),
+            (B_gamma, gamma_beta, gamma_gamma),
+            (none, none, none),
+        )
+        library = library_of(none)
+        return library.stack([library.stack(row, -1) for row in rows], 1)
+
 
 def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:
     """Return the best J and its standard deviation of a block, (2, 3, n).
@@ -217,7 +238,9 @@ def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> 
 
 
 def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = False) -> Any:
-    """Return the products (3, 4, 4) of each channel's columns (D'_B, D'_beta, D'_gamma, r) over a block.
+    """Return the products (3, 4, 4) of each channel's columns (D'_B, D'_beta, D'_gamma, r) over a block, then `bent`.
+
+    Both are in one array, (3, 4, 7).
 
     z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each. margin: (3, 1, 1), or None for free colours. With a
     margin, colours are held above zero, up to noise: a pixel whose sqrt(A) J lies below -margin adds the residual
@@ -226,13 +249,13 @@ def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = 
     block, library = Eliminated.of(z, I, w, water), library_of(z)
     total = _squares(block.columns.reshape(3, 4, -1), on_gpu)
     if margin is None:
-        return total
+        return library.concatenate([total, block.bent], -1)
     root = block.A.clip(min=LEAST) ** 0.5
     short = root * block.J + margin  # of zero, where negative
     of_beta = -(block.x * z * block.r).sum(1, keepdims=True) / root
     slope = [-root * block.mean(block.d), of_beta, -root * block.mean(block.g), -short]
     held = library.stack(slope, 1)[:, :, 0] * (WALL * (short < 0))
-    return total + _squares(held, on_gpu)
+    return library.concatenate([total + _squares(held, on_gpu), block.bent], -1)
 
 
 products_on_gpu = functools.partial(products, on_gpu=True)
@@ -277,9 +300,9 @@ class Kernel:
         stop = self.observations.n_repeated if margin is None else None
         formula = products_on_gpu if self.device == "cuda" else products
         parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
-        # of D'_B, D'_beta, D'_gamma and r
-        total = sum((part for _, part in parts), np.zeros((3, 4, 4)))
-        return ReducedSystem(total[:, :3, :3], total[:, :3, 3], total[:, 3, 3])
+        total = sum((part for _, part in parts), np.zeros((3, 4, 7)))
+        H, bent = total[:, :3, :3], total[:, :3, 4:]
+        return ReducedSystem(H, total[:, :3, 3], total[:, 3, 3], H + bent)
 
     def colours(
         self, water: WaterParameters, noise: Array, covariance: Array

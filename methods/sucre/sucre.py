@@ -40,7 +40,7 @@ class Sucre(FillOption):
     """This project's method on SUCRe's model, to measure the water: one water for a view or a dive, one colour a pixel.
 
     `sucre_paper` is SUCRe as published; its authors have not seen this method. The model and its least squares are the
-    paper's. Colours are eliminated, and Levenberg-Marquardt finds the water from several starts. Attenuation and
+    paper's. Colours are eliminated, and Newton's method finds the water from several starts. Attenuation and
     backscatter stay positive, the veiling light between 0 and 1. Footprints of observations, exposure, uneven light and
     weak priors are this project's.
     """

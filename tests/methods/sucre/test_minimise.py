@@ -23,7 +23,7 @@ def test_the_minimum_inside_bounds_is_the_best_of_all_choices_of_held_parameters
 
         def evaluate(rows: Array, D: Array = D, y: Array = y) -> ReducedSystem:
             r = y - D @ rows[0]
-            return ReducedSystem((D.T @ D)[None], (D.T @ r)[None], np.array([r @ r]))
+            return ReducedSystem((D.T @ D)[None], (D.T @ r)[None], np.array([r @ r]), (D.T @ D)[None])
 
         best = np.inf
         for held in itertools.product((0.0, 1.0, np.nan), repeat=3):
@@ -33,7 +33,7 @@ def test_the_minimum_inside_bounds_is_the_best_of_all_choices_of_held_parameters
             x[free] = np.linalg.lstsq(D[:, free], rest, rcond=None)[0]
             if ((x >= lower) & (x <= upper)).all():
                 best = min(best, cost(x))
-        bounds = Bounds(lower, upper, np.ones(3, dtype=bool))
+        bounds = Bounds(lower, upper, np.zeros(3, dtype=bool))
         end = minimise(evaluate, rng.uniform(size=(1, 3)), bounds, tolerance=1e-12)
         assert end.converged.all()
         assert cost(end.at[0]) <= best * (1 + 1e-9)
@@ -42,12 +42,12 @@ def test_the_minimum_inside_bounds_is_the_best_of_all_choices_of_held_parameters
 def test_a_parameter_that_goes_to_its_bound_ends_on_it() -> None:
     """Just above 0, a veil leaves backscatter a slope of rounding alone."""
     rng = np.random.default_rng(0)
-    bounds = Bounds(np.zeros(1), np.ones(1), np.array([False]))
+    bounds = Bounds(np.zeros(1), np.ones(1), np.array([True]))
     slope = rng.uniform(1, 10, size=(400, 1))
 
     def evaluate(rows: Array) -> ReducedSystem:
         r = -0.2 - slope * rows
-        return ReducedSystem((slope**2)[:, None], slope * r, (r * r)[:, 0])
+        return ReducedSystem((slope**2)[:, None], slope * r, (r * r)[:, 0], (slope**2)[:, None])
 
     end = minimise(evaluate, rng.uniform(0.1, 0.9, size=(400, 1)), bounds, tolerance=1e-9)
     assert (end.at == 0).all()
