@@ -423,9 +423,7 @@ class Problem:
         return ReducedSystem(H[None], g[None], np.array([cost]), K[None])
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
-        end = minimise(
-            lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance
-        )
+        end = minimise(lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance)
         return end.at[0], end.system
 
 

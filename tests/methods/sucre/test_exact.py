@@ -303,7 +303,9 @@ def curve(rate: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:
-    system = ReducedSystem(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6), np.zeros((3, 3, 3)))
+    system = ReducedSystem(
+        np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6), np.zeros((3, 3, 3))
+    )
     free = np.array([[True, False, True], [True] * 3, [True] * 3])
     known = uncertainty_of(WaterParameters.of_channels(np.ones((3, 3))), system, free, 1000)
     (limit,) = known.limits

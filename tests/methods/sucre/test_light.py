@@ -161,17 +161,21 @@ def matched(exposed: Scene) -> Observations:
 
 
 @pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3)])
-def test_gradient_is_that_of_finite_differences(matched: Observations, which: Parts) -> None:
+def test_derivatives_are_those_of_finite_differences(matched: Observations, which: Parts) -> None:
     problem = Problem(Sample.of(sampled(matched, 60, singles=False, seed=0), "3.png"), which)
     rng = np.random.default_rng(0)
     u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), rng.normal(0, 0.1, problem.size - 9)])
-    system, step = problem.system(u), 1e-6 * np.eye(problem.size)
-    numeric = [
-        (problem.system(u - one).cost[0] - problem.system(u + one).cost[0]) / 4e-6 for one in step
+    system = problem.system(u)
+    beside = [
+        (problem.system(u - step), problem.system(u + step)) for step in 1e-6 * np.eye(problem.size)
     ]
+    slope = np.array([lower.cost[0] - higher.cost[0] for lower, higher in beside]) / 4e-6
+    second = np.array([lower.g[0] - higher.g[0] for lower, higher in beside]) / 2e-6
     free = np.diag(system.H[0]) > 0
     assert free.sum() == problem.size - which.gains  # the target's gains are held
-    np.testing.assert_allclose(system.g[0][free], np.array(numeric)[free], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(system.g[0][free], slope[free], rtol=1e-4, atol=1e-6)
+    both = np.ix_(free, free)
+    np.testing.assert_allclose(system.K[0][both], second[both], rtol=1e-4, atol=1e-5)
 
 
 def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:

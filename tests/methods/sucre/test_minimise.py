@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt inside bounds, against problems whose minimum is known."""
+"""Newton's method inside bounds, against problems whose minimum is known."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def test_the_minimum_inside_bounds_is_the_best_of_all_choices_of_held_parameters
 
         def evaluate(rows: Array, D: Array = D, y: Array = y) -> ReducedSystem:
             r = y - D @ rows[0]
-            return ReducedSystem((D.T @ D)[None], (D.T @ r)[None], np.array([r @ r]), (D.T @ D)[None])
+            return ReducedSystem(
+                (D.T @ D)[None], (D.T @ r)[None], np.array([r @ r]), (D.T @ D)[None]
+            )
 
         best = np.inf
         for held in itertools.product((0.0, 1.0, np.nan), repeat=3):
@@ -51,3 +53,22 @@ def test_a_parameter_that_goes_to_its_bound_ends_on_it() -> None:
 
     end = minimise(evaluate, rng.uniform(0.1, 0.9, size=(400, 1)), bounds, tolerance=1e-9)
     assert (end.at == 0).all()
+
+
+def test_residuals_that_stay_large_take_few_steps() -> None:
+    """The minimum is at 0, from which steps by slopes alone lead away (Madsen, Nielsen & Tingleff 2004, section 3.1)."""
+    bounds = Bounds(np.array([-2.0]), np.array([2.0]), np.array([False]))
+
+    def evaluate(rows: Array) -> ReducedSystem:
+        x = rows[:, 0]
+        r = np.stack([-1 - x, 1 - x + 5 * x * x])
+        D = np.stack([np.ones_like(x), 1 - 10 * x])
+        H, K = (D**2).sum(0), (D**2).sum(0) + 10 * r[1]
+        return ReducedSystem(
+            H[:, None, None], (D * r).sum(0)[:, None], (r**2).sum(0), K[:, None, None]
+        )
+
+    end = minimise(evaluate, np.array([[0.4], [-0.4], [-1.5]]), bounds, tolerance=1e-12)
+    assert end.converged.all()
+    assert end.steps < 15
+    np.testing.assert_allclose(end.at[:, 0], 0, atol=1e-6)

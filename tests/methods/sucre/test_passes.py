@@ -56,6 +56,7 @@ def assert_close(found: ReducedSystem, truth: ReducedSystem, rtol: float) -> Non
     np.testing.assert_array_less(
         np.abs(found.H - truth.H), rtol * size[:, :, None] * size[:, None, :] + 1e-30
     )
+    np.testing.assert_allclose(found.K, truth.K, rtol=rtol, atol=rtol * np.abs(truth.K).max())
     np.testing.assert_array_less(
         np.abs(found.g - truth.g), rtol * size * np.sqrt(truth.cost)[:, None] + 1e-30
     )
@@ -135,6 +136,20 @@ def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
                 (higher - lower) / (2 * step), rel=1e-4, abs=1e-5
             )
         assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
+
+
+def test_K_is_minus_the_slope_of_g() -> None:
+    observations, step = dark(), 1e-5
+    with opened(observations, "numpy", "cpu") as kernel:
+        found = kernel.system(WATER)
+        for i, towards in enumerate(np.eye(3) * step):
+            lower, higher = (
+                kernel.system(WaterParameters.of_channels(ROWS + sign * towards)).g
+                for sign in (-1, 1)
+            )
+            np.testing.assert_allclose(
+                found.K[:, i], (lower - higher) / (2 * step), rtol=1e-5, atol=1e-6
+            )
 
 
 # -- the backends against float64 --------------------------------------------------------------------------
