@@ -73,7 +73,7 @@ def minimise(
 ) -> Minimum:
     """Lower the cost of each problem from start (C, n) until a step promises less than tolerance (cost + floor).
 
-    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding; most: evaluations after the first.
+    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding; most: how many evaluations.
     """
     n_evaluations = 0
 

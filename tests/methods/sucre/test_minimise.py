@@ -56,7 +56,7 @@ def test_a_parameter_that_goes_to_its_bound_ends_on_it() -> None:
 
 
 def test_residuals_that_stay_large_take_few_steps() -> None:
-    """The minimum is at 0, from which steps by slopes alone lead away (Madsen, Nielsen & Tingleff 2004, section 3.1)."""
+    """Madsen, Nielsen & Tingleff (2004), section 3.1: steps by slopes alone lead away from the minimum, 0."""
     bounds = Bounds(np.array([-2.0]), np.array([2.0]), np.array([False]))
 
     def evaluate(rows: Array) -> ReducedSystem:
