@@ -83,15 +83,15 @@ def minimise(
         curve = np.einsum("cii->ci", system.H)
         is_free = bounds.linear & (curve > 0)
         moved = np.divide(system.g, curve, out=np.zeros_like(at), where=is_free)
-        moved = np.clip(at + moved, bounds.lower, bounds.upper) - at
-        gain = (2 * system.g * moved - curve * moved**2).sum(axis=1)
+        best = np.clip(at + moved, bounds.lower, bounds.upper)
+        gain = (2 * system.g * (best - at) - curve * (best - at) ** 2).sum(axis=1)
         matters = gain > tolerance * (system.cost + floor)
         if not (matters & (system.cost - gain < below)).any():
             return at, system
-        best = evaluate(at + moved)
+        of_best = evaluate(best)
         n_evaluations += 1
-        lower = best.cost < system.cost
-        return np.where(lower[:, None], at + moved, at), best.where(lower, system)
+        is_lower = of_best.cost < system.cost
+        return np.where(is_lower[:, None], best, at), of_best.where(is_lower, system)
 
     at, system = settled(np.clip(start, bounds.lower, bounds.upper), np.inf)
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
@@ -141,8 +141,13 @@ def _convex(system: ReducedSystem, free: Mask, linear: Mask) -> tuple[Array, Arr
 
 
 def _scaled(K: Array, scale: Array) -> Array:
-    """Return S K S (C, n, n), with 1 on the diagonal for parameters of scale 0."""
-    return K * scale[:, :, None] * scale[:, None, :] + np.eye(K.shape[1]) * (scale == 0)[:, None]
+    """Return S K S (C, n, n), that of the unit matrix for parameters of scale 0."""
+    return _among(scale > 0, K * scale[:, :, None] * scale[:, None, :])
+
+
+def _among(free: Mask, A: Array) -> Array:
+    """Return A (C, n, n), with the rows and columns of the unit matrix for parameters that are not free, (C, n)."""
+    return np.where(free[:, :, None] & free[:, None, :], A, np.eye(A.shape[1]) * ~free[:, None])
 
 
 def _step(
@@ -150,21 +155,29 @@ def _step(
 ) -> tuple[Array, Array]:
     """Return where the quadratic model, with damping on the diagonal of S K S, is lowest inside the bounds: (C, n).
 
-    Also by how much (C,) the undamped model is lower there. Parameters that would leave their bounds stay on them for
-    this step, and the others find their best again. Those of scale 0 stay.
+    Also by how much (C,) the undamped model is lower there. A parameter that reaches its bound on the way stays on it
+    for this step, and the others find their best again (Stark & Parker 1995). Those of scale 0 stay.
     """
-    to = at
+    free = scale > 0
+    A = _scaled(system.K, scale) + (_SINGULAR + damping)[:, None, None] * np.eye(at.shape[1])
+    low, high = (
+        np.divide(bound - at, scale, out=np.zeros_like(at), where=free)
+        for bound in (bounds.lower, bounds.upper)
+    )
+    t = np.zeros_like(at)
     for _ in range(at.shape[1] + 1):
-        A = _scaled(system.K, scale) + (_SINGULAR + damping)[:, None, None] * np.eye(at.shape[1])
-        g = system.g - np.einsum("cij,cj->ci", system.K, np.where(scale > 0, 0, to - at))
-        t = np.linalg.solve(A, (scale * g)[..., None])[..., 0]
-        free = scale > 0
-        to = np.where(free, at + scale * t, to)
-        inside = np.clip(to, bounds.lower, bounds.upper)
-        beyond = free & (to != inside)
-        to, scale = inside, np.where(beyond, 0, scale)
-        if not beyond.any():
+        held = np.where(free, 0, t)
+        pull = np.where(free, scale * system.g - np.einsum("cij,cj->ci", A, held), t)
+        best = np.linalg.solve(_among(free, A), pull[..., None])[..., 0]
+        inside = np.clip(best, low, high)
+        share = np.divide(inside - t, best - t, out=np.ones_like(t), where=free & (best != inside))
+        least = share.min(axis=1, keepdims=True)
+        reached = free & (best != inside) & (share == least)
+        t = np.where(reached, inside, t + least * (best - t))
+        free &= ~reached
+        if not reached.any():
             break
-    step = to - at
-    slope = 2 * np.einsum("ci,ci->c", system.g, step)
-    return to, slope - np.einsum("ci,cij,cj->c", step, system.K, step)
+    to = np.where(t <= low, bounds.lower, np.where(t >= high, bounds.upper, at + scale * t))
+    to = np.where(scale > 0, to, at)
+    slope = 2 * np.einsum("ci,ci->c", system.g, to - at)
+    return to, slope - np.einsum("ci,cij,cj->c", to - at, system.K, to - at)
