@@ -64,7 +64,7 @@ _WEAK, _NOISE = 0.7, 0.01
 # squares that ends them, and the fewest coefficients that tell one.
 _LEAST, _SMALL, _ROUNDS, _SETTLED, _TOLD = 1e-3, 3e-3, 15, 0.1, 0.01
 
-# Tiles along each side of the target in which errors are alike.
+# Tiles along each side of the target, and of all images, in which errors are alike.
 TILES = 6
 
 # Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
@@ -603,12 +603,20 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
 def _shared(sample: Sample, light: Light) -> float:
     """Return how many times larger the variance of gains is than that of independent observations, at least 1.
 
-    Texture, caustics and poses differ more between tiles of the target than within.
+    Texture, caustics and poses differ more between tiles of the target than within. What the lens does not explain is
+    alike at a place of the image in all views: along a straight path it looks like gains that drift.
     """
     r, shown = residuals_in(sample, light)
-    of_tiles = np.zeros((TILES, TILES, 3, len(sample.views)))
-    np.add.at(of_tiles, tuple(sample.tile), np.moveaxis(r * shown, 1, 0))
-    return max(1.0, float((of_tiles**2).sum() / max(((r * shown) ** 2).sum(), 1e-30)))
+    r = np.moveaxis(r * shown, 0, -1)
+    side = (sample.ray / np.abs(sample.ray).max().clip(min=1e-9) + 1) * (TILES / 2)
+    of_target = (*sample.tile[..., None], np.arange(len(sample.views)))
+    of_image = (*side.astype(np.int64).clip(max=TILES - 1), 0)
+    shares = []
+    for tile in (of_target, of_image):
+        of_tiles = np.zeros((TILES, TILES, len(sample.views), 3))
+        np.add.at(of_tiles, tile, r)
+        shares.append(float((of_tiles**2).sum() / max((r**2).sum(), 1e-30)))
+    return max(1.0, *shares)
 
 
 def residuals_in(sample: Sample, light: Light) -> tuple[Array, Array]:
