@@ -143,30 +143,12 @@ def _add_slopes(sums: Any, n: int, bent: Any) -> None:
 @inline
 def _add_products(columns: Any, n: int, total: Any) -> None:
     """Add the products of four columns of n numbers to the upper triangle of total (4, 4) float64."""
-    p, q, u, v = columns[0, :n], columns[1, :n], columns[2, :n], columns[3, :n]
-    pp = pq = pu = pv = qq = qu = qv = uu = uv = vv = _ZERO
-    for i in range(n):
-        p_i, q_i, u_i, v_i = p[i], q[i], u[i], v[i]
-        pp += p_i * p_i
-        pq += p_i * q_i
-        pu += p_i * u_i
-        pv += p_i * v_i
-        qq += q_i * q_i
-        qu += q_i * u_i
-        qv += q_i * v_i
-        uu += u_i * u_i
-        uv += u_i * v_i
-        vv += v_i * v_i
-    total[0, 0] += pp
-    total[0, 1] += pq
-    total[0, 2] += pu
-    total[0, 3] += pv
-    total[1, 1] += qq
-    total[1, 2] += qu
-    total[1, 3] += qv
-    total[2, 2] += uu
-    total[2, 3] += uv
-    total[3, 3] += vv
+    for j in range(4):
+        for k in range(j, 4):
+            product = _ZERO
+            for i in range(n):
+                product += columns[j, i] * columns[k, i]
+            total[j, k] += product
 
 
 @inline
