@@ -411,12 +411,9 @@ def _with_priors(evaluate: _Evaluate, noise: Array, distance: float, channels: M
 
     def evaluated(rows: Array) -> ReducedSystem:
         residual = np.einsum("ckp,cp->ck", J, rows)
-        prior = ReducedSystem(
-            np.einsum("cki,ckj->cij", J, J),
-            -np.einsum("cki,ck->ci", J, residual),
-            (residual**2).sum(axis=1),
-            np.einsum("cki,ckj->cij", J, J),
-        )
+        H = np.einsum("cki,ckj->cij", J, J)
+        slope = -np.einsum("cki,ck->ci", J, residual)
+        prior = ReducedSystem(H, slope, (residual**2).sum(axis=1), H)
         return evaluate(rows) + prior
 
     return evaluated

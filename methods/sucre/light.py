@@ -419,7 +419,7 @@ class Problem:
         cost += float(u @ self.prior @ u)
         if self.parts.gains:
             held = self.own[:, self.sample.target]
-            H[held], H[:, held], g[held] = 0, 0, 0
+            H[held], H[:, held], K[held], K[:, held], g[held] = 0, 0, 0, 0, 0
         return ReducedSystem(H[None], g[None], np.array([cost]), K[None])
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
@@ -608,9 +608,9 @@ def _shared(sample: Sample, light: Light) -> float:
     """
     r, shown = residuals_in(sample, light)
     r = np.moveaxis(r * shown, 0, -1)
-    side = (sample.ray / np.abs(sample.ray).max().clip(min=1e-9) + 1) * (TILES / 2)
+    side = ((sample.ray / light.extent + 1) * (TILES / 2)).astype(np.int64)
     of_target = (*sample.tile[..., None], np.arange(len(sample.views)))
-    of_image = (*side.astype(np.int64).clip(max=TILES - 1), 0)
+    of_image = (*side.clip(max=TILES - 1), 0)  # one view for all
     shares = []
     for tile in (of_target, of_image):
         of_tiles = np.zeros((TILES, TILES, len(sample.views), 3))

@@ -1,10 +1,10 @@
 """Newton's method on a few bounded parameters, for several independent problems side by side.
 
 It knows nothing of images: `evaluate` returns the system of every problem at given parameters (model.py). Each step
-minimises the quadratic model inside the bounds (`_step`). Where the cost is not convex, the model is lifted until it
-is (`_convex`). Steps are damped, by Nielsen's rule (1999): the damping falls smoothly with how well the model
-predicted the gain, and rises faster after every failure. After each step, parameters that enter linearly go to their
-optimum for the others (`settled`; Ruhe & Wedin 1980).
+goes to the lowest point of the quadratic model, as far as the bounds let it (`_step`). Where the cost is not convex,
+the model is lifted until it is (`_convex`). Steps are damped, by Nielsen's rule (1999): the damping falls smoothly with
+how well the model predicted the gain, and rises faster after every failure. After each step, parameters that enter
+linearly go to their optimum for the others (`settled`; Ruhe & Wedin 1980).
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ def minimise(
 ) -> Minimum:
     """Lower the cost of each problem from start (C, n) until a step promises less than tolerance (cost + floor).
 
-    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding; most: how many evaluations.
+    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding; most: evaluations, which may
+    become one more.
     """
     n_evaluations = 0
 
@@ -132,7 +133,7 @@ def _convex(system: ReducedSystem, free: Mask, linear: Mask) -> tuple[Array, Arr
     """
     K = system.K
     own = np.einsum("cii->ci", system.H)
-    known = free & (own > 0)
+    known = free & (own > 0) & np.isfinite(K).all(axis=(1, 2))[:, None]
     rest = K - (K / np.where(known & linear, own, np.inf)[:, None]) @ K
     size = np.where(linear, own.clip(min=0), np.maximum(own, np.abs(np.einsum("cii->ci", rest))))
     scale = np.divide(1, np.sqrt(size), out=np.zeros_like(size), where=known)
@@ -153,10 +154,10 @@ def _among(free: Mask, A: Array) -> Array:
 def _step(
     at: Array, system: ReducedSystem, bounds: Bounds, scale: Array, damping: Array
 ) -> tuple[Array, Array]:
-    """Return where the quadratic model, with damping on the diagonal of S K S, is lowest inside the bounds: (C, n).
+    """Return where (C, n) the way to the lowest point of the quadratic model, damped on the diagonal of S K S, leads.
 
     Also by how much (C,) the undamped model is lower there. A parameter that reaches its bound on the way stays on it
-    for this step, and the others find their best again (Stark & Parker 1995). Those of scale 0 stay.
+    for this step, and the others go on to their lowest point. So the model only falls. Parameters of scale 0 stay.
     """
     free = scale > 0
     A = _scaled(system.K, scale) + (_SINGULAR + damping)[:, None, None] * np.eye(at.shape[1])

@@ -73,7 +73,7 @@ class WaterParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:
-    """The reduced problem around one water, for C channels with n = 3 parameters each: B, beta, gamma.
+    """The reduced problem around one water, for C channels with n parameters each: B, beta, gamma, or more (light.py).
 
     H: (C, n, n) float64, of Gauss and Newton; g: (C, n) float64, minus half the gradient of the cost; cost: (C,)
     float64; K: (C, n, n) float64, half the second derivatives of the cost.

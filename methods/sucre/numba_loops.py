@@ -81,8 +81,9 @@ def _first_sweep(
 ) -> None:
     """Compute the terms of a slot's observations in one water, and add them to their pixels' sums.
 
-    z, I, s: (n,) distance, stored colour, root of the weight; rates: -beta log2(e), -gamma log2(e);
-    kept: (4, n') x = s a, d = s D_B, g = s D_gamma / B, y = s I - B d; sums: (5, n'') of x times x, y, d, z x, g.
+    z, I, s: (n,) distance, stored colour, root of the weight; rates: -beta log2(e), -gamma log2(e); kept: (4, n') x
+    = s a, d = s D_B, g = s D_gamma / B, y = s I - B d; sums: (6, n'') of x times x, y, d, z x, g; the last row is
+    for `_project`.
     """
     x, d, g, y = kept[0], kept[1], kept[2], kept[3]
     A, S, C_B, Z, C_gamma = sums[0], sums[1], sums[2], sums[3], sums[4]

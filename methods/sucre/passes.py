@@ -201,17 +201,24 @@ class Eliminated:
         return library_of(x).stack(D, 1)
 
     @property
+    def slope(self) -> Any:
+        """Sum z x r, (3, 1, n): with z less its mean the same, since sum x r is 0."""
+        return ((self.z - self.mean(self.x * self.z)) * self.x * self.r).sum(1, keepdims=True)
+
+    @property
     def bent(self) -> Any:
         """What r adds to half the second derivatives by B, beta and gamma, and a row of 0: (3, 4, 3)."""
-        far = self.z - self.mean(self.x * self.z)
-        slope = (far * self.x * self.r).sum(1, keepdims=True)
-        twice_beta = -(self.J * far * far * self.x * self.r).sum(1, keepdims=True)
-        twice_beta = twice_beta - slope * slope / self.A.clip(min=LEAST)
-        of_pixels = [-self.mean(self.d) * slope, twice_beta, -self.mean(self.g) * slope]
-        B_beta, beta_beta, gamma_beta = (each.sum((1, 2)) for each in of_pixels)
+        far, slope = self.z - self.mean(self.x * self.z), self.slope
+        curve = (self.J * far * far * self.x * self.r).sum(1, keepdims=True)
+        of_pixels = (
+            self.mean(self.d) * slope,
+            curve + slope * slope / self.A.clip(min=LEAST),
+            self.mean(self.g) * slope,
+        )
+        B_beta, beta_beta, gamma_beta = (-each.sum((1, 2)) for each in of_pixels)
         B_gamma = -(self.z * (self.s - self.d) * self.r).sum((1, 2))
         gamma_gamma = (self.z * self.g * self.r).sum((1, 2))
-        none = 0 * B_gamma
+        none = library_of(B_gamma).zeros_like(B_gamma)
         rows = (
             (none, B_beta, B_gamma),
             (B_beta, beta_beta, gamma_beta),
@@ -240,7 +247,7 @@ def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> 
 def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = False) -> Any:
     """Return the products (3, 4, 4) of each channel's columns (D'_B, D'_beta, D'_gamma, r) over a block, then `bent`.
 
-    Both are in one array, (3, 4, 7).
+    Both are in one array, (3, 4, 7). Of what a margin adds, the second derivatives are left out.
 
     z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each. margin: (3, 1, 1), or None for free colours. With a
     margin, colours are held above zero, up to noise: a pixel whose sqrt(A) J lies below -margin adds the residual
@@ -252,7 +259,7 @@ def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = 
         return library.concatenate([total, block.bent], -1)
     root = block.A.clip(min=LEAST) ** 0.5
     short = root * block.J + margin  # of zero, where negative
-    of_beta = -(block.x * z * block.r).sum(1, keepdims=True) / root
+    of_beta = -block.slope / root
     slope = [-root * block.mean(block.d), of_beta, -root * block.mean(block.g), -short]
     held = library.stack(slope, 1)[:, :, 0] * (WALL * (short < 0))
     return library.concatenate([total + _squares(held, on_gpu), block.bent], -1)

@@ -11,7 +11,7 @@ from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre
-from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
+from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.observed import Observed, sampled
 from sucre_bench.multiview.observations import Observations
@@ -160,7 +160,7 @@ def matched(exposed: Scene) -> Observations:
     return found
 
 
-@pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3)])
+@pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3), Parts(3, lens=True)])
 def test_derivatives_are_those_of_finite_differences(matched: Observations, which: Parts) -> None:
     problem = Problem(Sample.of(sampled(matched, 60, singles=False, seed=0), "3.png"), which)
     rng = np.random.default_rng(0)
@@ -242,3 +242,30 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(
 def test_options_that_do_not_go_with_light_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError, match="light"):
         Sucre(**options)
+
+
+def test_an_error_at_one_place_of_all_images_makes_the_water_less_certain() -> None:
+    """What a lens leaves unexplained is no noise: more pixels do not average it away."""
+    rng = np.random.default_rng(0)
+    z, J = rng.uniform(1, 4, (600, 8)), rng.uniform(0.2, 0.8, (3, 600, 1))
+    ray = rng.uniform(-0.5, 0.5, (2, 600, 8))
+    water = WaterParameters.of_channels(np.tile([0.2, 0.3, 0.4], (3, 1)))
+    I = J * np.exp(-0.3 * z) + 0.2 * (1 - np.exp(-0.4 * z))
+    of_place = 0.02 * np.sign(np.sin(12 * ray[0])) * np.ones_like(I)
+    errors = [
+        fit_light(
+            Sample(
+                z,
+                I + noise,
+                np.ones_like(I),
+                ray,
+                tuple("abcdefgh"),
+                0,
+                rng.integers(0, 6, (2, 600)),
+            ),
+            Parts(1, lens=True),
+            Light.even(water, tuple("abcdefgh")),
+        ).error
+        for noise in (of_place, 0.02 * rng.standard_normal(I.shape))
+    ]
+    assert (errors[0] > 2 * errors[1])[:, 1].all()

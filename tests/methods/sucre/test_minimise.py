@@ -72,3 +72,41 @@ def test_residuals_that_stay_large_take_few_steps() -> None:
     assert end.converged.all()
     assert end.steps < 15
     np.testing.assert_allclose(end.at[:, 0], 0, atol=1e-6)
+
+
+def test_a_cost_that_is_not_convex_at_the_start_leads_to_its_minimum() -> None:
+    """(1 - x^2)^2 has a maximum at 0, and minima at -1 and 1."""
+    bounds = Bounds(np.array([-2.0]), np.array([2.0]), np.array([False]))
+
+    def evaluate(rows: Array) -> ReducedSystem:
+        x = rows[:, 0]
+        r, D = 1 - x * x, 2 * x
+        H = (D * D)[:, None, None]
+        return ReducedSystem(H, (D * r)[:, None], r * r, H - (2 * r)[:, None, None])
+
+    end = minimise(evaluate, np.array([[0.1], [-0.3], [1.9]]), bounds, tolerance=1e-12)
+    assert end.converged.all()
+    np.testing.assert_allclose(end.at[:, 0], [1, -1, 1], atol=1e-6)
+
+
+def test_a_veil_whose_light_is_near_0_leads_to_the_rate_that_made_it() -> None:
+    """B (1 - exp(-gamma z)): with B near 0, the cost has nearly no curvature by gamma."""
+    z = np.linspace(0.5, 5, 40)
+    bounds = Bounds(np.zeros(2), np.array([1.0, 6.0]), np.array([True, False]))
+
+    def evaluate(rows: Array) -> ReducedSystem:
+        B, gamma = rows[:, :1], rows[:, 1:]
+        e = np.exp(-gamma * z)
+        r = 0.3 * (1 - np.exp(-0.8 * z)) - B * (1 - e)
+        D = np.stack([1 - e, B * z * e], axis=1)
+        H, K = (np.einsum("cin,cjn->cij", D, D) for _ in range(2))
+        both, of_gamma = (r * z * e).sum(1), -(r * B * z * z * e).sum(1)
+        K[:, 0, 1] -= both
+        K[:, 1, 0] -= both
+        K[:, 1, 1] -= of_gamma
+        return ReducedSystem(H, np.einsum("cin,cn->ci", D, r), (r * r).sum(1), K)
+
+    starts = np.array([[1e-4, 0.1], [1e-4, 4.0], [0.9, 0.3], [0.5, 2.0]])
+    end = minimise(evaluate, starts, bounds, tolerance=1e-10)
+    assert end.converged.all()
+    np.testing.assert_allclose(end.at, [[0.3, 0.8]] * 4, rtol=1e-3)
