@@ -133,7 +133,7 @@ def _convex(system: ReducedSystem, free: Mask, linear: Mask) -> tuple[Array, Arr
     """
     K = system.K
     own = np.einsum("cii->ci", system.H)
-    known = free & (own > 0) & np.isfinite(K).all(axis=(1, 2))[:, None]
+    known = free & (own > 0) & np.asarray(np.isfinite(K).all(axis=(1, 2)))[:, None]
     rest = K - (K / np.where(known & linear, own, np.inf)[:, None]) @ K
     size = np.where(linear, own.clip(min=0), np.maximum(own, np.abs(np.einsum("cii->ci", rest))))
     scale = np.divide(1, np.sqrt(size), out=np.zeros_like(size), where=known)
