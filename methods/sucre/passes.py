@@ -194,21 +194,26 @@ class Eliminated:
         return (self.x * values).sum(1, keepdims=True) / self.A.clip(min=LEAST)
 
     @property
+    def far(self) -> Any:
+        """The distance less z_mean, (3, K, n)."""
+        return self.z - self.mean(self.x * self.z)
+
+    @property
     def columns(self) -> Any:
         """D'_B, D'_beta, D'_gamma and r: (3, 4, K, n)."""
-        x, of_beta = self.x, self.x * self.J * (self.mean(self.x * self.z) - self.z)
+        x, of_beta = self.x, -self.x * self.J * self.far
         D = [self.d - x * self.mean(self.d), of_beta, self.g - x * self.mean(self.g), self.r]
         return library_of(x).stack(D, 1)
 
     @property
     def slope(self) -> Any:
         """Sum z x r, (3, 1, n): with z less its mean the same, since sum x r is 0."""
-        return ((self.z - self.mean(self.x * self.z)) * self.x * self.r).sum(1, keepdims=True)
+        return (self.far * self.x * self.r).sum(1, keepdims=True)
 
     @property
     def bent(self) -> Any:
         """What r adds to half the second derivatives by B, beta and gamma, and a row of 0: (3, 4, 3)."""
-        far, slope = self.z - self.mean(self.x * self.z), self.slope
+        far, slope = self.far, self.slope
         curve = (self.J * far * far * self.x * self.r).sum(1, keepdims=True)
         of_pixels = (
             self.mean(self.d) * slope,
