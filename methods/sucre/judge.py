@@ -451,9 +451,15 @@ class Court:
         judge(early)
         if not known:
             return None
-        moved = [model for model in early if model in known and self.moves(known[model], model)]
-        steps = best(moved)[:1]
-        drifts = [known[model].drift for model in steps if self.tells_water(known[model], model)]
+        telling = [
+            model
+            for model in early
+            if model in known
+            and self.moves(known[model], model)
+            and self.tells_water(known[model], model)
+        ]
+        steps = best(telling)[:1]
+        drifts = [known[model].drift for model in steps]
         most_drift = max([next(iter(known.values())).drift_of_photograph, *drifts])
         if leading := best(allowed, most_drift) or least_error:
             judge(
