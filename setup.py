@@ -18,4 +18,7 @@ def address(match: re.Match[str]) -> str:
 
 README = (HERE / "README.md").read_text(encoding="utf-8")
 RELATIVE = re.compile(r"(!?\[[^\]]*\])\((?!https?:|#)([^)]+)\)")
-setup(long_description=RELATIVE.sub(address, README), long_description_content_type="text/markdown")
+setup(
+    long_description=RELATIVE.sub(address, README),
+    long_description_content_type="text/markdown",
+)

@@ -46,7 +46,9 @@ def interval(values: np.ndarray) -> str:
     draws = values[np.random.default_rng(0).integers(0, len(values), (4000, len(values)))].mean(
         axis=1
     )
-    return "{:+.3f} [{:+.3f}, {:+.3f}]".format(values.mean(), *np.quantile(draws, (0.025, 0.975)))
+    return "{:+.3f} [{:+.3f}, {:+.3f}]".format(
+        values.mean(), *np.quantile(draws, (0.025, 0.975))
+    )
 
 
 def best(
@@ -56,7 +58,9 @@ def best(
     fits: np.ndarray,
 ) -> tuple[str, ...]:
     """Return the scores whose mean rank agrees best with the target on the views that fit."""
-    agreement = [taus(sum(values[name][fits] for name in some), target[fits]).mean() for some in of]
+    agreement = [
+        taus(sum(values[name][fits] for name in some), target[fits]).mean() for some in of
+    ]
     return of[int(np.argmax(agreement))]
 
 

@@ -25,7 +25,13 @@ from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene
 
 REFERENCE_AT_MOST = 2_000_000
-PLACES = [("numba", "cpu"), ("torch", "cpu"), ("torch", "cuda"), ("jax", "cpu"), ("jax", "cuda")]
+PLACES = [
+    ("numba", "cpu"),
+    ("torch", "cpu"),
+    ("torch", "cuda"),
+    ("jax", "cpu"),
+    ("jax", "cuda"),
+]
 
 
 def water_of(solution: Solution) -> Any:
@@ -61,12 +67,18 @@ def compare_on(scene: Scene) -> None:
 
     reference = exact("numpy", "cpu")() if len(observations) <= REFERENCE_AT_MOST else None
     table(
-        reference, {f"exact, {b} on {d}": exact(b, d) for b, d in PLACES}, of="exact, torch on cpu"
+        reference,
+        {f"exact, {b} on {d}": exact(b, d) for b, d in PLACES},
+        of="exact, torch on cpu",
     )
-    table(None, {f"adam, torch on {d}": adam(d) for d in ("cpu", "cuda")}, of="adam, torch on cpu")
+    table(
+        None, {f"adam, torch on {d}": adam(d) for d in ("cpu", "cuda")}, of="adam, torch on cpu"
+    )
 
 
-def table(reference: Solution | None, works: dict[str, Callable[[], Solution]], of: str) -> None:
+def table(
+    reference: Solution | None, works: dict[str, Callable[[], Solution]], of: str
+) -> None:
     found = {}
     for name, work in works.items():
         try:

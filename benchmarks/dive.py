@@ -19,7 +19,9 @@ from sucre_bench.scene import Plane
 
 N_VIEWS = 2000
 STEP_M, DEPTH_M = 0.1, 2.0
-CAMERA = Camera(np.array([[80.0, 0, 48], [0, 80, 36], [0, 0, 1]]), 96, 72)  # sees 2.4 m of the line
+CAMERA = Camera(
+    np.array([[80.0, 0, 48], [0, 80, 36], [0, 0, 1]]), 96, 72
+)  # sees 2.4 m of the line
 # 23 on either side overlap, and a margin of a pixel may let two more pass for such.
 REACH = int(CAMERA.width / 80 * DEPTH_M / STEP_M) - 1 + 2
 TURNS = 9
@@ -65,7 +67,9 @@ def main() -> None:
             observations = observe(target, views)
             seconds[name].append(time.perf_counter() - started)
             read = [view.name for view in views if view.pixels.loads]
-            assert len(observations.views) <= len(read) <= len(near), f"{len(read)} views were read"
+            assert len(observations.views) <= len(read) <= len(near), (
+                f"{len(read)} views were read"
+            )
             assert set(read) <= {f"{k:04}.png" for k in near}
             assert all(len(view.pixels.loads) <= 2 for view in views), "a file was read twice"
     print(

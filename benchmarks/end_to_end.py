@@ -49,9 +49,7 @@ class Taken:
     mb: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.cpu_s:8.2f} {self.wall_s:8.2f} {'' if np.isnan(self.mb) else round(self.mb):>7}"
-        )
+        return f"{self.cpu_s:8.2f} {self.wall_s:8.2f} {'' if np.isnan(self.mb) else round(self.mb):>7}"
 
 
 def command(checkout: Path, *words: str) -> Taken:
@@ -85,7 +83,9 @@ def step(work: Callable[[], object]) -> Taken:
     return Taken(time.process_time() - cpu, time.perf_counter() - wall, np.nan)
 
 
-def show(what: str, target: str, ours: Taken, before: Taken | None = None, note: str = "") -> None:
+def show(
+    what: str, target: str, ours: Taken, before: Taken | None = None, note: str = ""
+) -> None:
     ratio = f"{before} {before.cpu_s / max(ours.cpu_s, 1e-9):6.1f}" if before else " " * 32
     print(f"{what:46} {target:>12} {ours} {ratio}  {note}", flush=True)
 
@@ -95,7 +95,9 @@ def commands(folder: Path, checkouts: Sequence[Path], n: int, dive: Sequence[str
     photos = made_photos(folder / "photos", n)
 
     def one_view(checkout: Path, *words: str) -> Taken:
-        return command(checkout, "run", *dive, "method=sucre", f"out={folder / fresh()}", *words)
+        return command(
+            checkout, "run", *dive, "method=sucre", f"out={folder / fresh()}", *words
+        )
 
     for checkout in checkouts:
         one_view(checkout, *PLAIN)  # compiles
@@ -119,7 +121,9 @@ def commands(folder: Path, checkouts: Sequence[Path], n: int, dive: Sequence[str
         *(command(c, "compare", outs[c].removeprefix("out=")) for c in checkouts),
     )
     show(
-        "  report", "5 s", *(command(c, "report", outs[c].removeprefix("out=")) for c in checkouts)
+        "  report",
+        "5 s",
+        *(command(c, "report", outs[c].removeprefix("out=")) for c in checkouts),
     )
 
 

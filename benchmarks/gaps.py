@@ -39,7 +39,10 @@ def uneven(scene: sb.Scene) -> sb.Scene:
         light = 1 + ERROR * smooth / smooth.std()
         seen = np.rint(255 * (view.rgb * light[..., None]).clip(0, 1)) / 255
         return sb.View(
-            view.name, sb.Arrays(seen, view.depth, view.reference), view.camera, view.cam_from_world
+            view.name,
+            sb.Arrays(seen, view.depth, view.reference),
+            view.camera,
+            view.cam_from_world,
         )
 
     return replace(scene, views=[lit(view) for view in scene.views])
@@ -78,7 +81,9 @@ def main() -> None:
         both = [measured(scene, view, refine=refine) for refine in (False, True)]
         numbers = [*(psnr for psnr, _ in both), *(found for _, found in both)]
         name = f"{water}, view {k}" + (", uneven" if is_uneven else "")
-        print("|", " | ".join([name, *(f"{number:.2f}" for number in numbers)]), "|", flush=True)
+        print(
+            "|", " | ".join([name, *(f"{number:.2f}" for number in numbers)]), "|", flush=True
+        )
 
 
 if __name__ == "__main__":

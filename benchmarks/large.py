@@ -50,7 +50,9 @@ def main() -> None:
     spawn = multiprocessing.get_context("spawn")
     for name in sys.argv[3:] or methods():
         with ProcessPoolExecutor(1, mp_context=spawn) as alone:
-            print(f"{name:20}", alone.submit(measured, name, width, height).result(), flush=True)
+            print(
+                f"{name:20}", alone.submit(measured, name, width, height).result(), flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -62,7 +62,9 @@ def case(
             is_found = best == 0 and behind[1:].any()
             found[k] += is_found
             fragile += bool(
-                k and is_found and undone_by(units, 0, int(np.flatnonzero(behind)[0])) is not None
+                k
+                and is_found
+                and undone_by(units, 0, int(np.flatnonzero(behind)[0])) is not None
             )
     shares = (*(false / tables), *(found / tables), fragile / max(found[1], 1))
     print(

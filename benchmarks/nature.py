@@ -145,7 +145,9 @@ def nature_of(case: str, seed: int, size: tuple[int, int], cache: Path | None) -
     for relief in ("flat", "rough"):
         if geometry.endswith(f"_{relief}"):
             options |= {"path": geometry.removesuffix(f"_{relief}"), "relief": relief}
-    return Nature(**options, errors="none", width=size[0], height=size[1], seed=seed, root=cache)
+    return Nature(
+        **options, errors="none", width=size[0], height=size[1], seed=seed, root=cache
+    )
 
 
 def run_case(
@@ -176,7 +178,9 @@ def run_case(
                 rows.append(row | {"error": str(fault)})
                 continue
             row["s"] = time.perf_counter() - started
-            rows.append(row | scores_of(result, sb.Water(*waters[target]), scene[target].reference))
+            rows.append(
+                row | scores_of(result, sb.Water(*waters[target]), scene[target].reference)
+            )
     return rows
 
 
@@ -200,7 +204,9 @@ def table_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
         by_method = [of_case[of_case["method"] == method] for method in methods]
         for column, worst in WORST.items():
             digits = {"cov": 2, "raw": 1, "affine": 1}.get(column, 0)
-            values = [part[column].agg(worst) if column in part else np.nan for part in by_method]
+            values = [
+                part[column].agg(worst) if column in part else np.nan for part in by_method
+            ]
             line[column] = " / ".join("-" if np.isnan(x) else f"{x:.{digits}f}" for x in values)
         line["limits"] = " / ".join(
             f"{int(part['limits'].eq(True).sum())}of{len(part)}" for part in by_method
@@ -220,7 +226,8 @@ def summary_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
         doubtful = own["beta"].between(5, LIMIT_BETA)
         ahead, calm = own["raw"] - paper.reindex(own.index), own.index.isin(QUIET, level="case")
         spread = round(
-            float(np.sqrt(np.nanmean(own[["z_r", "z_g", "z_b"]].replace(np.inf, np.nan) ** 2))), 2
+            float(np.sqrt(np.nanmean(own[["z_r", "z_g", "z_b"]].replace(np.inf, np.nan) ** 2))),
+            2,
         )
         lines.append({
             "method": method, "targets": len(own), f"beta off > {LIMIT_BETA} %": wrong.sum(),
@@ -266,7 +273,10 @@ def main() -> None:
         "--methods", default="sucre,sucre_plus,sucre_paper", help="separated by commas"
     )
     parser.add_argument(
-        "--option", action="append", default=[], help="option of all methods, such as robust=true"
+        "--option",
+        action="append",
+        default=[],
+        help="option of all methods, such as robust=true",
     )
     parser.add_argument(
         "--conditions", default="all", help="cases separated by commas, table or all"

@@ -94,7 +94,9 @@ class Exhibit:
         for place in (name, self.repository, f"{owner}+{name}"):
             if (repositories / place).is_dir():
                 return repositories / place
-        raise InputError("no such folder", repositories / name, f"cd {repositories}; {self.remedy}")
+        raise InputError(
+            "no such folder", repositories / name, f"cd {repositories}; {self.remedy}"
+        )
 
 
 def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
@@ -130,7 +132,10 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     left out, with a line. Raises InputError if the repository is absent, has none of the files, or nothing is left.
     """
     source, place = exhibit.folder(repositories), out / PICTURES / exhibit.name
-    photographs, reference = _found(source, exhibit.photographs), _found(source, exhibit.reference)
+    photographs, reference = (
+        _found(source, exhibit.photographs),
+        _found(source, exhibit.reference),
+    )
     outputs = {row: _found(source, files) for row, files in exhibit.outputs.items()}
     if exhibit.alike:
         # theirs have other names: of each, the name of our picture with the same pixels
@@ -151,7 +156,9 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
                 f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}"
             )
         else:
-            methods.append(method | ({"model": str(file.resolve())} if "model" in method else {}))
+            methods.append(
+                method | ({"model": str(file.resolve())} if "model" in method else {})
+            )
     if not shown or not (outputs or methods):
         raise InputError(
             f"has nothing of {exhibit.name}", source, f"fetch all of it: {exhibit.remedy}"
@@ -165,7 +172,8 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
         known_charts = published_charts()
         images = {
             path.name: {
-                chart.name: np.asarray(chart.corners).tolist() for chart in known_charts[path.stem]
+                chart.name: np.asarray(chart.corners).tolist()
+                for chart in known_charts[path.stem]
             }
             for path in sorted((place / "photographs").iterdir())
             if path.stem in shown & set(known_charts)
@@ -217,7 +225,8 @@ def _put(source: Path, folder: Path, stem: str, size: int) -> None:
     if size:
         with suppress(SucreBenchError):  # a picture that cannot be read has no row
             write_png(
-                target, resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1]
+                target,
+                resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1],
             )
             os.utime(target, ns=(read.st_atime_ns, read.st_mtime_ns))
         return
@@ -246,7 +255,9 @@ def compared(rows: DataFrame, out: Path) -> DataFrame:
     return pd.DataFrame(lines)
 
 
-def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Iterator[dict[str, Any]]:
+def _line(
+    exhibit: Exhibit, number: Number, rows: DataFrame, out: Path
+) -> Iterator[dict[str, Any]]:
     metric, _, variant = number.score.partition(":")
     if number.against:
         values = pd.Series(_agreement(exhibit, number, out), dtype=float)
@@ -315,7 +326,9 @@ def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
             ValueError,
             Image.DecompressionBombError,
         ) as fault:  # SyntaxError: a damaged PNG
-            progress.say(f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}")
+            progress.say(
+                f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}"
+            )
     return found
 
 

@@ -158,7 +158,9 @@ def judged(scene: sb.Scene, option: str) -> tuple[float, float]:
     if found is None:
         return np.nan, np.nan
     distance = np.median(np.concatenate([target.distance for target, *_ in court.targets]))
-    first, second, _ = (veil(distance, fit.water.B, fit.water.gamma) for fit in court.fitted[model])
+    first, second, _ = (
+        veil(distance, fit.water.B, fit.water.gamma) for fit in court.fitted[model]
+    )
     return found.held_out, float(255 * np.abs(first - second).max())
 
 
@@ -173,7 +175,8 @@ def drift_of(picture: Array, distance: Array) -> float:
     low, high = np.quantile(distance[ground], [1 / 3, 2 / 3])
     lab = to_lab(np.nan_to_num(picture))
     near, far = (
-        np.median(lab[ground & part], axis=0)[1:] for part in (distance <= low, distance >= high)
+        np.median(lab[ground & part], axis=0)[1:]
+        for part in (distance <= low, distance >= high)
     )
     return float(np.hypot(*(near - far)))
 
@@ -204,7 +207,8 @@ def rows(
         kinds = sorted({fault.kind for one in found for fault in one.faults})
         n = sum(bool(one.faults) for one in found)
         numbers = (
-            f"{value:7.{digits}f}" for value, digits in zip(values, (2, 2, 1, 0, 0, 1), strict=True)
+            f"{value:7.{digits}f}"
+            for value, digits in zip(values, (2, 2, 1, 0, 0, 1), strict=True)
         )
         yield (
             f"{name:9} {option:12} {' '.join(numbers)}  {n} of {len(found)} {' '.join(kinds)}",

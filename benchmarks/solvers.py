@@ -41,7 +41,9 @@ def main() -> None:
     observations = observe(view, scene.views)
     own = np.ascontiguousarray(view.rgb.reshape(-1, 3)[observations.pixels].T)
     assert scene.water is not None
-    truth = np.array([scene.water.veiling_light, scene.water.attenuation, scene.water.backscatter])
+    truth = np.array(
+        [scene.water.veiling_light, scene.water.attenuation, scene.water.backscatter]
+    )
 
     def exact(*, physical: bool) -> Solution:
         fitted = fit_water(observations, physical=physical, backend=backend, device="cpu")
@@ -66,7 +68,8 @@ def main() -> None:
         cost = " ".join(f"{c:8.2f}" for c in solution.cost)
         print(f"{name:20}{seconds:10.3f}{paper / seconds:8.1f}{cost:>28}   {error.round(1)} %")
     costs = [
-        fit(observations, backend=backend, device="cpu", seed=seed).cost.sum() for seed in range(3)
+        fit(observations, backend=backend, device="cpu", seed=seed).cost.sum()
+        for seed in range(3)
     ]
     print(f"exact from three samples: costs agree to {max(costs) / min(costs) - 1:.1e}")
 

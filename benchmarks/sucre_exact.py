@@ -58,7 +58,9 @@ def made(n_pixels: int) -> Observations:
             noise = np.float32(NOISE) * rng.standard_normal(n, dtype=np.float32)
             for c in range(3):
                 B, beta, gamma = map(np.float32, WATER.by_channel()[c])
-                seen = J[c, start : start + n] * transmission(z, beta) + veil(z, B, gamma) + noise
+                seen = (
+                    J[c, start : start + n] * transmission(z, beta) + veil(z, B, gamma) + noise
+                )
                 colour[c, part] = np.rint(255 * seen.clip(0, 1))
     return observations
 
@@ -85,7 +87,8 @@ def measure(n: float, backend: Any, device: Any, turns: int) -> dict[str, float]
             "colours": lambda: kernel.colours(WATER, noise, covariance),
         }
         speed = {
-            name: 3e-6 * len(observations) / fastest(work, turns) for name, work in passes.items()
+            name: 3e-6 * len(observations) / fastest(work, turns)
+            for name, work in passes.items()
         }
     Path("/proc/self/clear_refs").write_text("5")  # the peak from here on
     seconds = fastest(restore, turns)
@@ -148,7 +151,9 @@ def main() -> None:
     print(f"{'':13} {'':8}{'M observation-channels/s':>27}")
     heads = ("system", "held", "colours")
     columns = "".join(f"{head:>9}" for head in heads)
-    print(f"{'observations':>13} {'backend':8}{columns}{'water + colours':>17}  passes        peak")
+    print(
+        f"{'observations':>13} {'backend':8}{columns}{'water + colours':>17}  passes        peak"
+    )
     for n in [arguments.observations] if arguments.observations else SIZES:
         for backend in backends:
             one = [f"--observations={n}", f"--backends={backend}"]
@@ -159,10 +164,15 @@ def main() -> None:
                 stdout=subprocess.PIPE,
                 text=True,
             )
-            row: dict[str, Any] = {"backend": backend, **json.loads(result.stdout.splitlines()[-1])}
+            row: dict[str, Any] = {
+                "backend": backend,
+                **json.loads(result.stdout.splitlines()[-1]),
+            }
             speeds = "".join(f"{row[name]:9.0f}" for name in heads)
             digits = max(0, 2 - math.floor(math.log10(row["seconds"])))
-            whole = f"{row['seconds']:15.{digits}f} s{row['passes']:8}{row['peak_gib']:8.2f} GiB"
+            whole = (
+                f"{row['seconds']:15.{digits}f} s{row['passes']:8}{row['peak_gib']:8.2f} GiB"
+            )
             print(f"{row['observations']:13,} {backend:8}{speeds}{whole}", flush=True)
 
 

@@ -119,9 +119,13 @@ def show(file: Path, picture: Path) -> None:
     rows = rows[rows["method"].isin(METHODS)]
     rows = rows[rows.groupby("water")["condition"].transform("nunique") == len(CONDITIONS)]
     if rows.empty:
-        raise SystemExit(f"{file}: no sea has all {len(CONDITIONS)} conditions yet; measure more")
+        raise SystemExit(
+            f"{file}: no sea has all {len(CONDITIONS)} conditions yet; measure more"
+        )
     seeds = rows["seed"].nunique()
-    gain = rows.pivot_table(index="method", columns="condition", values="gain")[list(CONDITIONS)]
+    gain = rows.pivot_table(index="method", columns="condition", values="gain")[
+        list(CONDITIONS)
+    ]
     by_scene = rows.pivot_table(index="method", columns="seed", values="gain")
     order = by_scene.mean(axis=1).sort_values(ascending=False).index
     ranks = by_scene.rank(ascending=False).mean(axis=1)

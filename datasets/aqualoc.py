@@ -97,7 +97,8 @@ class Aqualoc(ImageScaleOption):
                 for digits in (f"{number:02d}", str(number))
             ]
             trajectory = next(
-                (texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None
+                (texts[x + end] for x in ("new_", "") for end in endings if x + end in texts),
+                None,
             )
             poses = _poses(trajectory) if trajectory else {}
 
@@ -141,7 +142,11 @@ def _poses(path: Path) -> dict[int, Array]:
         lines = regular(path).read_text(encoding="utf-8").splitlines()
         for number, line in enumerate(lines, 1):
             cells = line.replace(",", " ").split()
-            if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):
+            if (
+                not cells
+                or cells[0].startswith("#")
+                or (number == 1 and not cells[0][0].isdigit())
+            ):
                 # a header
                 continue
             try:

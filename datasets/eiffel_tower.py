@@ -60,7 +60,9 @@ class EiffelTower(ImageScaleOption):
             places = [root]
         else:
             years = _YEARS if self.year == "all" else (self.year,)
-            places = [root / year for year in years if self.year != "all" or (root / year).is_dir()]
+            places = [
+                root / year for year in years if self.year != "all" or (root / year).is_dir()
+            ]
         if not places:
             raise InputError(
                 f"{root}: holds no folder {', '.join(_YEARS)}; unpack the archive of a year there"

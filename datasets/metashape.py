@@ -104,7 +104,9 @@ def read_chunk(document: Path, label: str) -> Chunk:
         listed = top.find("chunks")
         active = listed.get("active_id") if listed is not None else None
         numbered = [
-            chunk for entry, chunk in zip(entries, chunks, strict=True) if entry.get("id") == active
+            chunk
+            for entry, chunk in zip(entries, chunks, strict=True)
+            if entry.get("id") == active
         ]
         return (numbered or chunks)[0]
     for chunk in chunks:
@@ -189,7 +191,9 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
 
     InputError when there are none or one is wrong; any error for a number or a part that is not there.
     """
-    sensors = {str(sensor.get("id")): sensor for sensor in chunk.element.iterfind("sensors/sensor")}
+    sensors = {
+        str(sensor.get("id")): sensor for sensor in chunk.element.iterfind("sensors/sensor")
+    }
     cameras = list(_cameras(chunk.element.find("cameras")))
     poses = {str(camera.get("id")): _pose(camera) for camera, _ in cameras}
     lenses: dict[str, Lens] = {}
@@ -362,12 +366,18 @@ class Metashape(ImageScaleOption):
         chunk = read_chunk(document, self.chunk)
         with reading(document, _EXPORT):
             components = read_components(chunk, document)
-        check_folder(images, "put the images there or name their folder with dataset.images=DIR")
+        check_folder(
+            images, "put the images there or name their folder with dataset.images=DIR"
+        )
         files = ImageFolder(images)
         remedy = "keep one, or use the project (.psx), which knows their folders"
         cameras = [camera for component in components for camera in component.cameras]
-        named = {camera: files.find_one(camera.named, document.name, remedy) for camera in cameras}
-        check_images((f"{document}: camera '{camera.named}'", *of) for camera, of in named.items())
+        named = {
+            camera: files.find_one(camera.named, document.name, remedy) for camera in cameras
+        }
+        check_images(
+            (f"{document}: camera '{camera.named}'", *of) for camera, of in named.items()
+        )
         # A depth map is named after the camera's label, in the folder of its image.
         folders = {camera: PurePosixPath(name).parent for camera, (name, _) in named.items()}
         maps = {
@@ -381,13 +391,19 @@ class Metashape(ImageScaleOption):
                 say(f"{document}: {lack}; set a scale bar there")
             photographs = [
                 self._photograph(
-                    images, camera, *named[camera], depths.get(maps[camera]), component.scale or 1.0
+                    images,
+                    camera,
+                    *named[camera],
+                    depths.get(maps[camera]),
+                    component.scale or 1.0,
                 )
                 for camera in component.cameras
             ]
             with_depth = any(photograph.depth for photograph in photographs)
             how = (
-                (self.depth_units, component.scale or 1.0, self.depth_camera) if with_depth else ()
+                (self.depth_units, component.scale or 1.0, self.depth_camera)
+                if with_depth
+                else ()
             )
             name = root.resolve().name + (
                 f"/{component.label}" if component.is_one_of_several else ""
@@ -402,7 +418,9 @@ class Metashape(ImageScaleOption):
             # Undistort Photos makes one focal length, and the principal point the middle
             lens = Lens(centred_camera(lens.camera.K[1, 1], *lens.camera.size))
         read = (
-            (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
+            (lambda path: read_depth(path) * scale)
+            if self.depth_units == "chunk"
+            else read_depth
         )
         of_depth = lens if self.depth_camera == "image" else Lens(camera.lens.camera)
         return Photograph(

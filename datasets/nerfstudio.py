@@ -172,7 +172,9 @@ class Nerfstudio(ImageScaleOption):
             if there:
                 return there
         raise MissingFileError(
-            "no such file", root / "transforms.json", "put it there or set dataset.transforms=FILE"
+            "no such file",
+            root / "transforms.json",
+            "put it there or set dataset.transforms=FILE",
         )
 
 
@@ -227,9 +229,7 @@ def _photograph(
         file, no_depth = files.find(path, frame, key)
         depth = no_depth or root / file
         if not depth_suffix(file):
-            depth = (
-                f"{root / file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
-            )
+            depth = f"{root / file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
         if frame.get("mask_path"):
             mask = root / files.find(path, frame, "mask_path")[0]
     try:
@@ -255,11 +255,17 @@ def _photograph(
     ), mask
 
 
-def _number(content: _Frame, key: str, place: object, default: float | None = None) -> float | None:
+def _number(
+    content: _Frame, key: str, place: object, default: float | None = None
+) -> float | None:
     value = content.get(key, default)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not math.isfinite(value)
+    ):
         raise InputError(f"{place}: {key} is {value!r}, not a number; export it again")
     return float(value)
 
@@ -318,5 +324,7 @@ def _masked(unit: float, mask: Path, path: Path) -> Array:
         read_depth(path, unit),
         decode(mask, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION),
     )
-    keep = np.asarray(cv2.resize(keep, metres.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT))
+    keep = np.asarray(
+        cv2.resize(keep, metres.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+    )
     return np.where(keep > 0, metres, 0)

@@ -82,12 +82,22 @@ class Openmvs(ImageScaleOption):
             pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
             photographs.append(
                 Photograph(
-                    name, root / name, Lens(header.camera), pose, path, self._metres, fault=fault
+                    name,
+                    root / name,
+                    Lens(header.camera),
+                    pose,
+                    path,
+                    self._metres,
+                    fault=fault,
                 )
             )
         check_images((str(one.depth), one.name, one.fault) for one in photographs)
         yield scene_of(
-            root.resolve().name, photographs, self.image_scale, self.encoding, self.metres_per_unit
+            root.resolve().name,
+            photographs,
+            self.image_scale,
+            self.encoding,
+            self.metres_per_unit,
         )
 
     def _metres(self, path: Path) -> Array:
@@ -157,7 +167,13 @@ def read_header(path: Path) -> Header:
         camera, dtype = Camera(K, width, height), np.dtype("<f2" if halves else "<f4")
         factor = 2.0**exponent if halves else 1.0
         return Header(
-            name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor
+            name,
+            camera,
+            cam_from_world,
+            (depth_height, depth_width),
+            file.tell(),
+            dtype,
+            factor,
         )
 
 
@@ -169,7 +185,9 @@ def read_dmap_depth(path: Path) -> Array:
         there = os.fstat(file.fileno()).st_size - header.offset
         if there < count * header.dtype.itemsize:  # before memory of that size is allocated
             raise DamagedFileError(
-                f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY
+                f"cut short, its depths need {count * header.dtype.itemsize} bytes",
+                path,
+                _REMEDY,
             )
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)

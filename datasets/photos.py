@@ -69,7 +69,11 @@ class Lsui(ImageScaleOption, SplitOption):
                     remedy = f"unpack the references there, beside {images}"
                     raise MissingFileError("no such folder", place / "GT", remedy)
                 scene = image_folder_scene(
-                    scene_name(place, root), images, references, self.image_scale, split=self.split
+                    scene_name(place, root),
+                    images,
+                    references,
+                    self.image_scale,
+                    split=self.split,
                 )
             except (IncompleteSetError, MissingFileError) as fault:
                 if not self.split:
@@ -154,7 +158,9 @@ class Uieb(ImageScaleOption, SplitOption):
                 "no such folder", place / _REFERENCES[0], f"unpack it there, beside {images}"
             )
         targets = references if paired else None
-        yield image_folder_scene(self.subset, images, targets, self.image_scale, split=self.split)
+        yield image_folder_scene(
+            self.subset, images, targets, self.image_scale, split=self.split
+        )
 
 
 @dataset(

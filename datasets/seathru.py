@@ -97,7 +97,11 @@ def _rawpy(path: Path) -> Any:
 
 
 _SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
-_DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the images' size first
+_DEPTH_FOLDERS = (
+    "depth_resized",
+    "depth",
+    "depthmaps",
+)  # the closest to the images' size first
 
 
 @dataset(
@@ -140,13 +144,17 @@ class Seathru(ImageScaleOption):
         found: dict[Path, list[Path]] = {}
         ranks = {name.lower(): rank for rank, name in enumerate(self.images)}
         names = " or ".join(self.images)
-        lack = f"holds no folder {names}; give the folder of D1 to D5, or set dataset.images=..."
+        lack = (
+            f"holds no folder {names}; give the folder of D1 to D5, or set dataset.images=..."
+        )
         for folder in folders_below(root, lambda place, _: place.name.lower() in ranks, lack):
             found.setdefault(folder.parent, []).append(folder)
         check_chosen(self, list(found), "charts", "file")
         for place, folders in found.items():
             images = min(folders, key=lambda folder: ranks[folder.name.lower()])
-            yield self._scene(place, images, scene_name(place, root if root != images else place))
+            yield self._scene(
+                place, images, scene_name(place, root if root != images else place)
+            )
 
     def _scene(self, place: Path, folder: Path, name: str) -> Scene:
         paths = sorted(
@@ -227,14 +235,17 @@ def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list
             f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these"
         )
     exact = {
-        name: [posed for posed in several if posed.name == name] for name, several in found.items()
+        name: [posed for posed in several if posed.name == name]
+        for name, several in found.items()
     }
     return {name: exact[name] or several for name, several in found.items()}
 
 
 def _depths(place: Path, names: Sequence[str]) -> dict[str, Path | str]:
     """Return each image's depth map of the first folder that has one, or what is wrong if it is ambiguous."""
-    there = {folder.name.lower(): folder for folder in sorted(place.iterdir()) if folder.is_dir()}
+    there = {
+        folder.name.lower(): folder for folder in sorted(place.iterdir()) if folder.is_dir()
+    }
     found, refused = dict[str, Path | str](), list[InputError]()
     for folder in (there[name] for name in _DEPTH_FOLDERS if name in there):
         without = [name for name in names if name not in found]

@@ -28,7 +28,9 @@ from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
-_HELD_OUT = 8  # every eighth image by name, from the first, tests what was learned of the others
+_HELD_OUT = (
+    8  # every eighth image by name, from the first, tests what was learned of the others
+)
 
 
 @dataset(
@@ -70,14 +72,22 @@ class SeathruNerf(ImageScaleOption):
         for place in folders_below(
             root, lambda _, below: bool({name.lower() for name in below} & set(names)), lack
         ):
-            there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
+            there = {
+                path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()
+            }
             images = next(there[name] for name in names if name in there)
             depths = chosen(self, place, "depths", "folder")
             sparse = next(
-                (path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()),
+                (
+                    path
+                    for path in (place / "sparse", place / "colmap" / "sparse")
+                    if path.is_dir()
+                ),
                 None,
             )
-            model = read_model(sparse or place / "sparse", images, distorted=True, keep_names=True)
+            model = read_model(
+                sparse or place / "sparse", images, distorted=True, keep_names=True
+            )
             if self.split != "all":
                 model = [
                     posed

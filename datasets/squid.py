@@ -81,7 +81,9 @@ class Squid(ImageScaleOption):
         calibration = functools.cache(_calibration)
         lack = "holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on"
         folders = list(
-            folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack)
+            folders_below(
+                root, lambda place, _: place.name.lower().startswith("image_set"), lack
+            )
         )
         check_chosen(self, folders, "charts", "file")
         for folder in folders:
@@ -92,7 +94,9 @@ class Squid(ImageScaleOption):
             ]
             if not files:
                 where = folder.parent / "stereoParams0.5.mat"
-                raise MissingFileError("no such file", where, "copy it from the site's download")
+                raise MissingFileError(
+                    "no such file", where, "copy it from the site's download"
+                )
             cameras, right_from_left = calibration(files[0])
             paths = [_image(folder, "LFT"), _image(folder, "RGT")]
             sizes = {

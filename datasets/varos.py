@@ -132,7 +132,9 @@ def _frames(folder: Path) -> dict[int, Path]:
             continue
         other = found.setdefault(int(number[1]), path)
         if other != path:
-            raise InputError(f"{path}: frame {int(number[1])} is also {other}; keep one of them")
+            raise InputError(
+                f"{path}: frame {int(number[1])} is also {other}; keep one of them"
+            )
     return found
 
 
@@ -154,7 +156,9 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
 
 
 def _camera(path: Path) -> Camera:
-    with reading(path, "give one with focal_length, sensor_width and resolution: width, height"):
+    with reading(
+        path, "give one with focal_length, sensor_width and resolution: width, height"
+    ):
         text = regular(path).read_text(encoding="utf-8")
         # as OpenCV heads its files, which YAML refuses
         stored = read_yaml(re.sub(r"^%YAML.*\n", "", text))

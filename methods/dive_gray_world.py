@@ -92,7 +92,11 @@ class DiveGrayWorld(FillOption):
 
     def __post_init__(self) -> None:
         check_ranges(
-            self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]"
+            self,
+            bin_m="[1e-3, 1000]",
+            fewest="[1, inf)",
+            brightness="(0, 1)",
+            contrast="(0, 1]",
         )
         check_ranges(self, most_views="[1, inf)")
 
@@ -131,9 +135,9 @@ class DiveGrayWorld(FillOption):
                     cv2.resize(cells, z.shape[::-1], interpolation=cv2.INTER_LINEAR)
                     for cells in _flat_field(scene, self, view.encoding, along)
                 )
-                image = ((image - brightness - contrast * mean) / deviation + brightness).astype(
-                    np.float32
-                )
+                image = (
+                    (image - brightness - contrast * mean) / deviation + brightness
+                ).astype(np.float32)
             return image
 
         info = {
@@ -202,7 +206,9 @@ def _counted(
 
 
 @functools.lru_cache(maxsize=4)
-def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> Array:
+def _flat_field(
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+) -> Array:
     """Return mean and deviation (2, 16, 16, 3) of what the statistics by range leave at each place in the image.
 
     Both in deviations of the range. A place with too few pixels has those of all: 0 and 1.
@@ -211,12 +217,19 @@ def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along:
 
     statistics, sums = pooled(scene, options, encoding, along), np.zeros((_CELLS, _CELLS, 7))
     for rgb, z, step in _counted(scene, options, encoding, along):
-        known, left = (z > 0)[..., None].astype(np.float32), np.empty(rgb.shape, dtype=np.float32)
+        known, left = (
+            (z > 0)[..., None].astype(np.float32),
+            np.empty(rgb.shape, dtype=np.float32),
+        )
         for c in range(3):
             mean, deviation = statistics.at(z, c)
             left[..., c] = (rgb[..., c] - mean) / deviation
         of_cell = z.size * step**2 / _CELLS**2
-        for at, plane in ((0, known), (slice(1, 4), left * known), (slice(4, 7), left**2 * known)):
+        for at, plane in (
+            (0, known),
+            (slice(1, 4), left * known),
+            (slice(4, 7), left**2 * known),
+        ):
             cells = cv2.resize(plane, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA)
             sums[..., at] += np.asarray(cells) * of_cell
     pixels = np.maximum(sums[..., :1], 1)

@@ -147,7 +147,11 @@ def sharpened(rgb: Array, blur_px: float) -> Array:
 
 
 def blend(
-    first: Array, second: Array, weight: Callable[[Array], Array], regulariser: float, levels: int
+    first: Array,
+    second: Array,
+    weight: Callable[[Array], Array],
+    regulariser: float,
+    levels: int,
 ) -> Array:
     """Return two inputs (H, W, 3) blended by their normalised weights, (W_k + delta) / sum (W_k + delta), in [0, 1]."""
     weights = np.stack([weight(first), weight(second)]) + np.float32(regulariser)  # (2, H, W)

@@ -93,11 +93,14 @@ class GaussianSeathru(FillOption):
             z.ravel()[seen].astype(np.float64),
         )
         fits = [
-            _fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)
+            _fitted(intensity[:, c], far, self.attenuation, self.most_evaluations)
+            for c in range(3)
         ]
         water = [of for of, _, _ in fits]
         drawn = without_water(intensity[None], far[None], water)[0]
-        within = [0.01 < of.B < 0.99 and 0.01 < of.gamma < 0.99 * _GREATEST_RATE for of in water]
+        within = [
+            0.01 < of.B < 0.99 and 0.01 < of.gamma < 0.99 * _GREATEST_RATE for of in water
+        ]
         unfinished = np.array([not done for _, _, done in fits])
         doubts = {"veil": ~np.array(within), "simplex, unfinished,": unfinished}
         info: dict[str, Any] = {

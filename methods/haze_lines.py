@@ -100,7 +100,9 @@ def transmission(
     t = np.empty_like(length)
     for rows in _bands(len(image)):
         bound = np.maximum(least_transmission(image[rows], A, water), least)
-        along = np.maximum(_HAZE_FREE * length[rows] / np.maximum(longest, 1e-9)[line[rows]], bound)
+        along = np.maximum(
+            _HAZE_FREE * length[rows] / np.maximum(longest, 1e-9)[line[rows]], bound
+        )
         t[rows] = along + likeness[rows] * (bound - along)
     return guided_filter(image, t, radius, eps).clip(least, 1)
 
@@ -146,9 +148,7 @@ def channel_transmission(t: Array, water: WaterType, least: float) -> Array:
 # After Berman et al. 2021, who find edges by a trained detector; here a gradient is one.
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
-_QUANTISATION = (
-    1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own
-)
+_QUANTISATION = 1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own
 
 
 def textureless_area(encoded: Array, share: float) -> Mask:
@@ -165,7 +165,9 @@ def textureless_area(encoded: Array, share: float) -> Mask:
     )
     edges = window_max(gradient, 2 * (max(gradient.shape) // 128) + 1)
     smooth = edges <= np.quantile(edges, share)
-    _, labels, about, _ = cv2.connectedComponentsWithStats(smooth.astype(np.uint8), connectivity=4)
+    _, labels, about, _ = cv2.connectedComponentsWithStats(
+        smooth.astype(np.uint8), connectivity=4
+    )
     largest = 1 + int(about[1:, cv2.CC_STAT_AREA].argmax())  # label 0 is what is not smooth
     return np.asarray(labels == largest)
 
@@ -197,7 +199,9 @@ class OpenWater:
         distance = np.linalg.norm(offset @ whiten.T, axis=1)
         near = float(distance.mean() + distance.std())
         far = max(float(distance.max()), near + 1)
-        return cls(colours[middle], mean.astype(np.float32), whiten.astype(np.float32), near, far)
+        return cls(
+            colours[middle], mean.astype(np.float32), whiten.astype(np.float32), near, far
+        )
 
     def likeness(self, image: Array) -> Array:
         """Return (H, W) float32: 1 for colours of water, 0 for others, linear in the distance in between."""
@@ -273,7 +277,10 @@ class HazeLines:
         for water_type in track(WATER_TYPES, "water types"):
             J, _, t = self._restored(image, open_water, water_type)
             ahead = _mean(t, object_like) - _mean(t, 1 - object_like)
-            casts[water_type] = (bool(ahead < self.contrast), float(_mean(J, object_like).std()))
+            casts[water_type] = (
+                bool(ahead < self.contrast),
+                float(_mean(J, object_like).std()),
+            )
         return min(casts, key=lambda water_type: casts[water_type])
 
     def _restored(

@@ -25,7 +25,10 @@ from sucre_bench.imaging.image_formation import (
 from sucre_bench.plugins.options import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
-_SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)
+_SLOPE, _INTERCEPT = (
+    -0.00113,
+    1.62517,
+)  # scattering is linear in the wavelength (Zhao et al. 2015)
 _STEEPNESS = 32.0  # s, of the sigmoid
 # a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
 _BRIGHT, _BRIGHT_SHARE = (
@@ -71,7 +74,9 @@ class Ibla:
     enlarged and refined at full size."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, window="[1, 1001]", scales="[1, 8]", radius="[1, 1000]", eps="[1e-6, 1]")
+        check_ranges(
+            self, window="[1, 1001]", scales="[1, 8]", radius="[1, 1000]", eps="[1e-6, 1]"
+        )
         check_ranges(
             self, deepest="(0, 1000]", red="(0, 10]", least="[1e-6, 1]", work_px="[1, 100000]"
         )
@@ -94,7 +99,9 @@ class Ibla:
         metres = np.float32(self.deepest) * (depth + np.float32(nearest_depth(rgb, A)))
         beta = self.red * attenuation_ratio(A)
         t = np.exp(-beta.astype(np.float32) * metres[..., None])
-        return restoration(rgb, A, np.maximum(t, np.float32(self.least)), attenuation=beta.tolist())
+        return restoration(
+            rgb, A, np.maximum(t, np.float32(self.least)), attenuation=beta.tolist()
+        )
 
 
 # -- blurriness -------------------------------------------------------------------------------
@@ -165,7 +172,9 @@ def _halves(whole: slice) -> list[slice]:
     """The two halves, or the whole where it has too few pixels for two."""
     middle = whole.start + _length(whole) // 2 + 1
     return (
-        [slice(whole.start, middle), slice(middle, whole.stop)] if middle < whole.stop else [whole]
+        [slice(whole.start, middle), slice(middle, whole.stop)]
+        if middle < whole.stop
+        else [whole]
     )
 
 
@@ -200,4 +209,6 @@ def attenuation_ratio(veiling_light: Array) -> Array:
 
 def sigmoid(a: Array | float, middle: float) -> Array:
     """Return S(a, delta) = 1 / (1 + exp(-s (a - delta)))."""
-    return np.asarray(1 / (1 + np.exp(-_STEEPNESS * (np.asarray(a, dtype=np.float64) - middle))))
+    return np.asarray(
+        1 / (1 + np.exp(-_STEEPNESS * (np.asarray(a, dtype=np.float64) - middle)))
+    )

@@ -91,7 +91,9 @@ def enhanced_lightness(light: Array, block_px: int, contrast: float) -> Array:
     m and v are the mean and variance of the block around each pixel, cut at the border; V is the image's variance.
     """
     mean = box_mean(light, block_px // 2)
-    variance = np.maximum(box_mean(light * light, block_px // 2) - mean * mean, np.float32(1e-8))
+    variance = np.maximum(
+        box_mean(light * light, block_px // 2) - mean * mean, np.float32(1e-8)
+    )
     gain = np.minimum(np.float32(light.var(dtype=np.float64)) / variance, np.float32(contrast))
     return mean + gain * (light - mean)
 

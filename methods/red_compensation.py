@@ -37,4 +37,6 @@ class RedCompensation:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
         balanced = gray_world(red_from_green(view.rgb, self.strength))
-        return Restoration(stretch(balanced, self.percent, 100 - self.percent).astype(np.float32))
+        return Restoration(
+            stretch(balanced, self.percent, 100 - self.percent).astype(np.float32)
+        )

@@ -129,11 +129,14 @@ def dark_pixels(intensity: Array, z: Array, bins: int, share: float, most: int) 
     there is least backscatter and most residual.
     """
     near, far = float(z.min()), float(z.max())
-    bin_of = np.minimum(((z - near) * (bins / max(far - near, 1e-6))).astype(np.int64), bins - 1)
+    bin_of = np.minimum(
+        ((z - near) * (bins / max(far - near, 1e-6))).astype(np.int64), bins - 1
+    )
     order = np.lexsort((intensity.mean(axis=-1), bin_of))
     ends = np.searchsorted(bin_of[order], np.arange(bins + 1))
     darkest = [
-        order[a : a + min(int(np.ceil(share * (b - a))), most)] for a, b in itertools.pairwise(ends)
+        order[a : a + min(int(np.ceil(share * (b - a))), most)]
+        for a, b in itertools.pairwise(ends)
     ]
     chosen = np.concatenate(darkest)
     beyond = chosen[z[chosen] > near + 0.1 * (far - near)]
@@ -160,7 +163,9 @@ def _fitted(dark: Array, z: Array) -> Any:
 
     def residuals(x: Array) -> Array:
         veil, rest = terms(x[1], x[3])
-        return np.concatenate([x[0] * veil + x[2] * rest - dark, np.sqrt(_DARKNESS) * x[2] * rest])
+        return np.concatenate(
+            [x[0] * veil + x[2] * rest - dark, np.sqrt(_DARKNESS) * x[2] * rest]
+        )
 
     starts = []
     for b, rest in itertools.product(_RATES, _RATES):
@@ -174,7 +179,10 @@ def _fitted(dark: Array, z: Array) -> Any:
 
 
 def _refined(
-    residuals: Callable[[Array], Array], starts: list[Any], greatest: list[float], outlier: float
+    residuals: Callable[[Array], Array],
+    starts: list[Any],
+    greatest: list[float],
+    outlier: float,
 ) -> Any:
     """Return the four parameters, in [0, greatest], that fit best of the most promising (misfit, start).
 
@@ -391,9 +399,9 @@ class Seathru(FillOption):
         backscatter = fit_backscatter(intensity[dark], far[dark])
         # Where the veil is brighter than the pixel, noise or the fit is to blame: no light is left to average, and the
         # pixel stays a little below 0 in the result.
-        direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(
-            min=0
-        )
+        direct = (
+            intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)
+        ).clip(min=0)
         illuminant = self.f * local_average(direct, np.where(fitted, z, 0), self.p, self.eps)
         at, E = illuminant_by_distance(illuminant, far)
         lit = level * self.f < E

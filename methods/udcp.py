@@ -45,7 +45,9 @@ class Udcp:
         check_ranges(self, window="[1, 1001]", radius="[1, 1000]", eps="[1e-6, 1]")
         check_ranges(self, least="[1e-6, 1]", greatest=f"[{self.least}, 1]")
         if self.window % 2 == 0:
-            raise InputError(f"udcp.window: {self.window} is even; give an odd number of pixels")
+            raise InputError(
+                f"udcp.window: {self.window} is even; give an odd number of pixels"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may leave [0, 1]."""

@@ -71,7 +71,9 @@ class Consistency:
                 raise NotApplicableError(
                     "all points of a view have one colour; nothing to relate differences to"
                 )
-            yield Score(float(differences.sum()) / total, n_pixels=n, coverage=share, weight=total)
+            yield Score(
+                float(differences.sum()) / total, n_pixels=n, coverage=share, weight=total
+            )
             return
         yield Score(float(differences.mean()), n_pixels=n, coverage=share, weight=n)
         change = np.abs(np.diff(pair.points.distance, axis=0)[0])[known]
@@ -104,7 +106,9 @@ class PointContrast:
         """Yield the mean over both views."""
         here, there, known = _lab(pair)
         share, n = float(known.mean()), int(known.sum())
-        yield Score((contrast(here) + contrast(there)) / 2, n_pixels=n, coverage=share, weight=n)
+        yield Score(
+            (contrast(here) + contrast(there)) / 2, n_pixels=n, coverage=share, weight=n
+        )
 
 
 def _lab(pair: RestoredPair) -> tuple[Array, Array, Mask]:
@@ -167,7 +171,10 @@ class RangeSlope:
     unit="1/m",
     better="lower",
     range=(0, np.inf),
-    variants={"raw": "of J, what the method computed; needs a run with save=full", "shown": _SHOWN},
+    variants={
+        "raw": "of J, what the method computed; needs a run with save=full",
+        "shown": _SHOWN,
+    },
 )
 @dataclass(frozen=True)
 class RangeSlopeError:
@@ -181,7 +188,9 @@ class RangeSlopeError:
 
 def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     """The slope of each channel. image: "raw" for J, or "shown"."""
-    images = [side.shown if image == "shown" else side.image for side in (pair.here, pair.there)]
+    images = [
+        side.shown if image == "shown" else side.image for side in (pair.here, pair.there)
+    ]
     if images[0] is None or images[1] is None:
         raise NotApplicableError(Reason.NOT_STORED.value)
     means = pair.means(images[0], images[1])

@@ -58,7 +58,10 @@ class Psi:
         """Yield a score per chart and per patch."""
         which = None if variant == "all" else variant != "gray"
         yield from _scored(
-            shown, view, which, lambda rgb, patches: angle_deg(rgb, _expected_rgb(patches, variant))
+            shown,
+            view,
+            which,
+            lambda rgb, patches: angle_deg(rgb, _expected_rgb(patches, variant)),
         )
 
 
@@ -124,7 +127,9 @@ def _scored(
         used = np.array([r.n_pixels for r in of_chart]) * known
         seen = np.array([r.coverage for r in of_chart]) * known
         value = float(of_patches[known].mean()) if known.any() else np.nan
-        yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if len(seen) else np.nan)
+        yield Score(
+            value, chart.name, int(used.sum()), float(seen.mean()) if len(seen) else np.nan
+        )
         for reading, score, n, coverage in zip(of_chart, of_patches, used, seen, strict=True):
             yield Score(
                 float(score), f"{chart.name}/{reading.patch.label}", int(n), float(coverage)
@@ -132,7 +137,11 @@ def _scored(
 
 
 def _patches(
-    shown: Array, view: View, value: Callable[[PatchReading], float], *, only_coloured: bool = False
+    shown: Array,
+    view: View,
+    value: Callable[[PatchReading], float],
+    *,
+    only_coloured: bool = False,
 ) -> Iterator[Score]:
     """Yield a value for each patch of each chart; charts have no score of their own."""
     for chart in view.charts:
@@ -201,7 +210,9 @@ class Neutral:
         self, restored: Restoration, shown: Array, view: View, variant: str
     ) -> Iterator[Score]:
         """Yield a score per chart and per gray patch."""
-        yield from _scored(shown, view, False, lambda rgb, patches: np.hypot(*lab_d50(rgb).T[1:]))
+        yield from _scored(
+            shown, view, False, lambda rgb, patches: np.hypot(*lab_d50(rgb).T[1:])
+        )
 
 
 @metric(
@@ -227,7 +238,9 @@ class PatchColour:
         """Yield a score per patch."""
         channel, _, expected = variant.partition("-")
         c = CHANNELS.index(channel)
-        yield from _patches(shown, view, lambda r: float(r.patch.srgb[c] if expected else r.rgb[c]))
+        yield from _patches(
+            shown, view, lambda r: float(r.patch.srgb[c] if expected else r.rgb[c])
+        )
 
 
 @metric(
@@ -289,7 +302,8 @@ class HueError:
         def error(rgb: Array, patches: tuple[Patch, ...]) -> Array:
             off = np.abs(
                 turn_deg(
-                    hue_deg(rgb, variant), np.array([expected_hue_deg(p, variant) for p in patches])
+                    hue_deg(rgb, variant),
+                    np.array([expected_hue_deg(p, variant) for p in patches]),
                 )
             )
             is_gray = np.isnan(off) & np.isfinite(rgb).all(axis=-1)
@@ -312,7 +326,9 @@ def hue_deg(rgb: Array, form: str) -> Array:
 def expected_hue_deg(patch: Patch, form: str) -> float:
     """Return the hue that a patch should have, degrees in [0, 360)."""
     return float(
-        hue_deg(np.array(patch.srgb), form) if form == "hsv" else _lab_hue_deg(np.array(patch.lab))
+        hue_deg(np.array(patch.srgb), form)
+        if form == "hsv"
+        else _lab_hue_deg(np.array(patch.lab))
     )
 
 

@@ -34,7 +34,9 @@ FAULTS = {
         "{share} of it is black",
         "share of the picture without a colour, be it computed or guessed",
     ),
-    "guessed": Fault(0.25, "{share} of it is guessed", "share of the picture that `fill` guessed"),
+    "guessed": Fault(
+        0.25, "{share} of it is guessed", "share of the picture that `fill` guessed"
+    ),
     "below": Fault(
         LIMITS["below"],
         "{share} of a channel is below zero",
@@ -115,7 +117,9 @@ class Faults:
         elif variant in ("below", "above"):
             colours = restored.image[valid]
             is_out = (
-                (colours < 0) if variant == "below" else (colours > 1).any(axis=-1, keepdims=True)
+                (colours < 0)
+                if variant == "below"
+                else (colours > 1).any(axis=-1, keepdims=True)
             )
             yield Score(
                 float(is_out.mean(axis=0).max()) if n else np.nan, n_pixels=n, coverage=coverage
@@ -146,13 +150,16 @@ class Faults:
 @once
 def _look(shown: Array, view: View) -> Look:
     return look_at(
-        shown, display(view.rgb, "none", view.encoding), view.distance if view.has_depth else None
+        shown,
+        display(view.rgb, "none", view.encoding),
+        view.distance if view.has_depth else None,
     )
 
 
 def _clipped(picture: Array, photograph: Array, seen: Mask) -> float:
     at_end, was_at_end = (
-        ((x[seen] > 1 - 1 / 255) | (x[seen] < 1 / 255)).any(axis=-1) for x in (picture, photograph)
+        ((x[seen] > 1 - 1 / 255) | (x[seen] < 1 / 255)).any(axis=-1)
+        for x in (picture, photograph)
     )
     return float(np.mean(at_end & ~was_at_end))
 

@@ -71,7 +71,10 @@ class Matches:
         after = _after(pair)
         share = float(
             np.mean(
-                [np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]
+                [
+                    np.isfinite(side.shown).all(axis=-1).mean()
+                    for side in (pair.here, pair.there)
+                ]
             )
         )
         if variant == "ratio":
@@ -81,7 +84,9 @@ class Matches:
         else:
             if not share:
                 raise NotApplicableError("the restored views have no colours")
-            yield Score(float(np.log2((after + 1) / (before + 1))), n_pixels=after, coverage=share)
+            yield Score(
+                float(np.log2((after + 1) / (before + 1))), n_pixels=after, coverage=share
+            )
 
 
 # The verified matches between the photographs, the same for all methods, which share the pair's points: their key.

@@ -40,7 +40,9 @@ class Seams:
     ) -> Iterator[Score]:
         """Yield one score, NaN where the photograph is nowhere smooth; coverage: the share of places looked at."""
         photograph = display(view.rgb, "none", view.encoding)
-        found = find_seams(shown, photograph, view.depth if view.camera is None else view.distance)
+        found = find_seams(
+            shown, photograph, view.depth if view.camera is None else view.distance
+        )
         looked_at = np.isfinite(found.excess)
         share = float(looked_at.mean())
         n = round(share * shown.shape[0] * shown.shape[1])

@@ -39,7 +39,9 @@ def squared_error(one: Image, other: Image, mask: Mask) -> float:
     total = 0.0
     for rows in (slice(top, top + _BAND) for top in range(0, len(mask), _BAND)):
         values = one[rows].astype(other.dtype, copy=False)
-        values = values if np.isfinite(values.sum()) else np.where(np.isfinite(values), values, 0)
+        values = (
+            values if np.isfinite(values.sum()) else np.where(np.isfinite(values), values, 0)
+        )
         total += cv2.norm(values, other[rows], cv2.NORM_L2SQR, mask[rows].view(np.uint8))
     return total
 
@@ -88,9 +90,18 @@ def _ssim_of_rows(
     height, width, _ = one.shape
     zero = np.float32(0)
     c1, c2 = np.float32(2 * 0.01**2), np.float32(2 * 0.03**2)
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    w0, w1, w2, w3, w4, w5 = (
+        weights[0],
+        weights[1],
+        weights[2],
+        weights[3],
+        weights[4],
+        weights[5],
+    )
     line = np.zeros((4, _TILE + 2 * RADIUS), np.float32)  # s, d, s^2, d^2 of a row
-    ring = np.zeros((2 * RADIUS + 1, 4, _TILE), np.float32)  # the last rows, filtered along the row
+    ring = np.zeros(
+        (2 * RADIUS + 1, 4, _TILE), np.float32
+    )  # the last rows, filtered along the row
     sums = np.zeros(_TILE)
     for left in range(0, width, _TILE):
         n = min(_TILE, width - left)
@@ -107,7 +118,10 @@ def _ssim_of_rows(
         for row in range(start - RADIUS, end + RADIUS):
             source = min(max(row, 0), height - 1)
             for x in range(first, last):
-                a, b = np.float32(one[source, x, channel]), np.float32(other[source, x, channel])
+                a, b = (
+                    np.float32(one[source, x, channel]),
+                    np.float32(other[source, x, channel]),
+                )
                 a = a if a - a == zero else zero
                 b = b if b - b == zero else zero
                 s, d = (a + b) - s0, (a - b) - d0
@@ -119,7 +133,9 @@ def _ssim_of_rows(
             for k in range(4):
                 v, h = line[k], ring[row % 11, k]
                 for i in range(n):
-                    near = w5 * v[i + 5] + w4 * (v[i + 4] + v[i + 6]) + w3 * (v[i + 3] + v[i + 7])
+                    near = (
+                        w5 * v[i + 5] + w4 * (v[i + 4] + v[i + 6]) + w3 * (v[i + 3] + v[i + 7])
+                    )
                     h[i] = (
                         near
                         + w2 * (v[i + 2] + v[i + 8])
@@ -150,7 +166,10 @@ def _ssim_of_rows(
                 for i in range(n):
                     near = w5 * a5[i] + w4 * (a4[i] + a6[i]) + w3 * (a3[i] + a7[i])
                     v[i] = (
-                        near + w2 * (a2[i] + a8[i]) + w1 * (a1[i] + a9[i]) + w0 * (a0[i] + a10[i])
+                        near
+                        + w2 * (a2[i] + a8[i])
+                        + w1 * (a1[i] + a9[i])
+                        + w0 * (a0[i] + a10[i])
                     )
             for i in range(n):
                 s, d = line[0, i], line[1, i]
@@ -197,7 +216,9 @@ class Psnr:
         raw = variant == "raw"
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
         is_masked = variant in ("masked", "raw", "luma")
-        mask = known_in_both(image, reference, view) if is_masked else coloured_pixels(reference)
+        mask = (
+            known_in_both(image, reference, view) if is_masked else coloured_pixels(reference)
+        )
         if variant == "wrapped":
             off = to_8bit(image) - to_8bit(reference)
             yield _score(psnr_of(float((off * off).mean()) / 255**2), mask)
@@ -208,7 +229,9 @@ class Psnr:
                 levels = [resized(x, _GRAY) for x in levels]
                 mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
             # Whole levels of 255, as files hold them.
-            image, reference = (np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels)
+            image, reference = (
+                np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels
+            )
         n = np.count_nonzero(mask) * image.shape[-1]
         yield _score(psnr_of(squared_error(image, reference, mask) / n) if n else np.nan, mask)
 
@@ -251,7 +274,9 @@ class Ssim:
         window, _, unmasked = variant.partition("-")
         image, reference = _pair(shown, view, encode=True)
         if window == "funie":
-            yield _score(_funie_ssim(image, reference), np.ones((_GRAY.side, _GRAY.side), np.bool_))
+            yield _score(
+                _funie_ssim(image, reference), np.ones((_GRAY.side, _GRAY.side), np.bool_)
+            )
             return
         mask = coloured_pixels(reference) if unmasked else known_in_both(image, reference, view)
         if window == "gray":
@@ -274,7 +299,9 @@ def _funie_ssim(image: Array, reference: Array) -> float:
     import cv2
 
     def near(values: Array) -> Array:
-        return np.asarray(cv2.GaussianBlur(values, (13, 13), 1.5, borderType=cv2.BORDER_REFLECT))
+        return np.asarray(
+            cv2.GaussianBlur(values, (13, 13), 1.5, borderType=cv2.BORDER_REFLECT)
+        )
 
     x, y = (resized(to_8bit(one), _GRAY) / 255.0 for one in (image, reference))
     mx, my = near(x), near(y)

@@ -76,7 +76,9 @@ class Uciqe:
         shown = locked(shown)
         picture = eight_bit(shown)
         value = uciqe(shown, variant) if picture.n_valid else np.nan
-        yield Score(value, n_pixels=picture.n_valid, coverage=picture.n_valid / picture.valid.size)
+        yield Score(
+            value, n_pixels=picture.n_valid, coverage=picture.n_valid / picture.valid.size
+        )
 
 
 def uciqe(shown: AnyArray, variant: str = "yang2015") -> float:
@@ -126,7 +128,9 @@ def _of_hsv(colours: Palette, variant: str) -> float:
         return _weigh(_deviation(H, counts), value.mean(value.size - n), _mean(S, counts))
     contrast = (value.mean(value.size - n) - value.mean(0, n)) / 255
     saturation_weight = 0.2575 if variant == "hue-bgr" else 0.2576
-    return _weigh(_deviation(H, counts) / 180, contrast, _mean(S, counts) / 255, saturation_weight)
+    return _weigh(
+        _deviation(H, counts) / 180, contrast, _mean(S, counts) / 255, saturation_weight
+    )
 
 
 def _weigh(sigma_c: float, con_l: float, mu_s: float, saturation: float = 0.2576) -> float:
@@ -186,7 +190,9 @@ def _lab(shown: AnyArray, space: Space) -> Array:
         )
     if space == "d50":
         L, a, b = lab_d50_of_linear(srgb_decode(np.arange(256) / 255)[rgb]).T
-        return np.asarray(np.floor(np.stack([L * 2.55, a + 128, b + 128]) + 0.5).clip(0, 255) / 255)
+        return np.asarray(
+            np.floor(np.stack([L * 2.55, a + 128, b + 128]) + 0.5).clip(0, 255) / 255
+        )
     from skimage.color import rgb2lab
 
     return np.asarray(rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3).T)

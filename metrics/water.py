@@ -85,7 +85,9 @@ class Water:
             return
         if (explained := restored.water.encoding) != truth.encoding:
             fault = f"the estimate explains {explained or 'the view'}, the true water {truth.encoding or 'the view'}"
-            raise NotApplicableError(f"{view.name}: {fault} intensities, which cannot be compared")
+            raise NotApplicableError(
+                f"{view.name}: {fault} intensities, which cannot be compared"
+            )
         estimate = np.asarray(getattr(restored.water, variant), dtype=np.float64)
         if np.isnan(estimate).all():
             return

@@ -59,7 +59,11 @@ def packed(tree: ast.Module) -> Iterator[tuple[int, str]]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Assign) and _is_parallel(node):
             yield node.lineno, "parallel"
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) and _is_text_times(node):
+        elif (
+            isinstance(node, ast.BinOp)
+            and isinstance(node.op, ast.Mult)
+            and _is_text_times(node)
+        ):
             yield node.lineno, "text times"
         elif isinstance(node, ast.IfExp) and any(
             isinstance(part, ast.IfExp) for part in (node.body, node.orelse)
@@ -76,9 +80,13 @@ def packed(tree: ast.Module) -> Iterator[tuple[int, str]]:
 def _assigned(function: ast.FunctionDef) -> Iterator[tuple[int, str]]:
     """Assignment expressions whose name is read after the statement that has them."""
     statements = [
-        node for node in ast.walk(function) if isinstance(node, ast.stmt) and node is not function
+        node
+        for node in ast.walk(function)
+        if isinstance(node, ast.stmt) and node is not function
     ]
-    reads = [(node.id, node.lineno) for node in ast.walk(function) if isinstance(node, ast.Name)]
+    reads = [
+        (node.id, node.lineno) for node in ast.walk(function) if isinstance(node, ast.Name)
+    ]
     seen = set[int]()
     for statement in sorted(statements, key=lambda node: (node.end_lineno or 0) - node.lineno):
         for node in ast.walk(statement):
@@ -151,7 +159,9 @@ def main() -> int:
             most = LIMITS.get(room, {}).get(rule, 0)
             if n > most:
                 failures += 1
-                print(f"{room}: {n} of rule '{rule}', at most {most} are left there; unpack one of")
+                print(
+                    f"{room}: {n} of rule '{rule}', at most {most} are left there; unpack one of"
+                )
                 print("\n".join(f"  {place}" for place, its in places if its == rule))
     return failures
 

@@ -18,11 +18,22 @@ from sucre_bench.arrays import DataFrame
 
 ROOT = Path(__file__).resolve().parent.parent
 BOARD = ROOT / "docs" / "board"
-TOLERANCE = 0.02  # of a score, or of the median score of its column: as `sucre-bench verify` has it
+TOLERANCE = (
+    0.02  # of a score, or of the median score of its column: as `sucre-bench verify` has it
+)
 RUNS = {
-    "demo": ["experiment=demo", "metrics=[colours,colours_de00,psnr,ssim,psi,uciqe,uiqm,coverage]"],
+    "demo": [
+        "experiment=demo",
+        "metrics=[colours,colours_de00,psnr,ssim,psi,uciqe,uiqm,coverage]",
+    ],
     "D5": [
-        *("experiment=table1", "dataset=colmap", "dataset.root=D5", "dataset.label=D5", "every=1"),
+        *(
+            "experiment=table1",
+            "dataset=colmap",
+            "dataset.root=D5",
+            "dataset.label=D5",
+            "every=1",
+        ),
         *(
             "views=[D5_fig01_LFT_3374.png,LFT_3411.png]",
             "metrics=[psi,de00,neutral,uciqe,uiqm,coverage]",
@@ -46,7 +57,9 @@ def make(data: Path | None) -> None:
             (runs / name).symlink_to(data.resolve() / name)
         if data or name == "demo":
             out = f"{name}-results"
-            bench("run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=runs)
+            bench(
+                "run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=runs
+            )
             bundle = [
                 str(BOARD / "bundles" / f"{name}.zip"),
                 "--by",
@@ -57,7 +70,9 @@ def make(data: Path | None) -> None:
 
 
 def bench(*words: str, at: Path) -> None:
-    subprocess.run([str(Path(sys.executable).with_name("sucre-bench")), *words], cwd=at, check=True)
+    subprocess.run(
+        [str(Path(sys.executable).with_name("sucre-bench")), *words], cwd=at, check=True
+    )
 
 
 def differences(folder: Path, bundle: Path) -> DataFrame:

@@ -44,7 +44,9 @@ def pip_settings() -> dict[str, str]:
     """The configuration of `pip install`, by name: the environment wins over [install], and that over [global]."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "config", "list"]
     sections: dict[str, dict[str, str]] = {"global": {}, "install": {}, ":env:": {}}
-    for line in subprocess.run(pip, capture_output=True, text=True, check=True).stdout.splitlines():
+    for line in subprocess.run(
+        pip, capture_output=True, text=True, check=True
+    ).stdout.splitlines():
         key, _, value = line.partition("=")
         section, _, name = key.rpartition(".")
         if section in sections:
@@ -85,7 +87,9 @@ def main() -> None:
         "index-url",
         "no-index",
     }:
-        sys.exit("pip is configured to use one index alone, so PyTorch's own index is not asked")
+        sys.exit(
+            "pip is configured to use one index alone, so PyTorch's own index is not asked"
+        )
     uv = str(Path(sys.executable).with_name("uv"))
     install = [
         uv,
@@ -93,7 +97,9 @@ def main() -> None:
         "install",
         *([] if "--python" in sys.argv else ["--python", sys.executable]),
     ]
-    os.execve(uv, [*install, *options(settings), *sys.argv[1:]], environment(settings, os.environ))
+    os.execve(
+        uv, [*install, *options(settings), *sys.argv[1:]], environment(settings, os.environ)
+    )
 
 
 if __name__ == "__main__":

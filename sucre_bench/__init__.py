@@ -85,7 +85,11 @@ if TYPE_CHECKING:
         SucreBenchError as SucreBenchError,
     )
     from sucre_bench.machine.progress import track as track
-    from sucre_bench.plugins.plugin import dataset as dataset, method as method, metric as metric
+    from sucre_bench.plugins.plugin import (
+        dataset as dataset,
+        method as method,
+        metric as metric,
+    )
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
     from sucre_bench.restored_pair import RestoredPair as RestoredPair

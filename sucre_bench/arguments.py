@@ -71,7 +71,9 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
                 parameter in given
                 and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD
             ):
-                given[parameter] = check_argument(f"{name}({parameter})", given[parameter], hint)
+                given[parameter] = check_argument(
+                    f"{name}({parameter})", given[parameter], hint
+                )
         return function(*bound.args, **bound.kwargs)
 
     if isinstance(call, type):
@@ -83,14 +85,18 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
     return checking
 
 
-def _check_in_subclasses(cls: Any, checking: object, hints: Callable[[], dict[str, Any]]) -> None:
+def _check_in_subclasses(
+    cls: Any, checking: object, hints: Callable[[], dict[str, Any]]
+) -> None:
     """Check these fields also in dataclasses made from this one, which have an `__init__` of their own."""
     inherited = getattr(cls, "__post_init__", None)
 
     def check_fields(made: Any, *unstored: Any) -> None:
         if type(made).__init__ is not checking:
             for field, hint in hints().items():
-                check_argument(f"{type(made).__qualname__}({field})", getattr(made, field), hint)
+                check_argument(
+                    f"{type(made).__qualname__}({field})", getattr(made, field), hint
+                )
         if inherited:
             inherited(made, *unstored)
 
@@ -112,7 +118,9 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
             value = tuple(value)
             is_taken = fits(value, hint)
     except Exception as fault:  # of a collection of the user's
-        raise InputError(f"raises {one_line(fault)}", place, f"pass {_wording(hint)}") from fault
+        raise InputError(
+            f"raises {one_line(fault)}", place, f"pass {_wording(hint)}"
+        ) from fault
     if not is_taken:
         is_whole = isinstance(value, Integral) and not isinstance(value, bool)
         below = " below 2^63" if is_whole and hint is int else ""
@@ -134,18 +142,28 @@ def fits(value: object, hint: Any) -> bool:
             fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
         )
     if origin is tuple:
-        kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
-        return (
-            isinstance(value, tuple) and len(value) == len(kinds) and all(map(fits, value, kinds))
+        kinds = (
+            inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
         )
-    if isinstance(origin, type) and issubclass(origin, Iterable) and origin.__module__ != "numpy":
+        return (
+            isinstance(value, tuple)
+            and len(value) == len(kinds)
+            and all(map(fits, value, kinds))
+        )
+    if (
+        isinstance(origin, type)
+        and issubclass(origin, Iterable)
+        and origin.__module__ != "numpy"
+    ):
         kind: Any = Set if origin is frozenset else origin
         ndim, is_any = getattr(value, "ndim", 1), isinstance(inner[0], TypeVar)
         if not isinstance(value, kind) or isinstance(value, (str, bytes, Mapping)):
             return False
         if ndim != 1 and not (ndim and is_any):
             return False
-        return is_any or isinstance(value, Iterator) or all(fits(one, inner[0]) for one in value)
+        return (
+            is_any or isinstance(value, Iterator) or all(fits(one, inner[0]) for one in value)
+        )
     if hint in (int, float):
         is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(
             value, bool
@@ -197,13 +215,17 @@ def array_of(
     except (
         Exception
     ) as fault:  # of a list of lists of other lengths, or another library's array on a GPU
-        raise InputError(f"is a {type(value).__name__} that is no array", place, remedy) from fault
+        raise InputError(
+            f"is a {type(value).__name__} that is no array", place, remedy
+        ) from fault
     pairs = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or not all(
         n == want or (isinstance(want, str) and n) for n, want in pairs
     ):
         raise InputError(
-            f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}", place, remedy
+            f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}",
+            place,
+            remedy,
         )
     if array.dtype.kind not in kinds:
         raise InputError(f"is of {array.dtype}", place, remedy)

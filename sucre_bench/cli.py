@@ -14,9 +14,7 @@ from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
-_MEMORY = (
-    "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
-)
+_MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
 # Numbers of errors that concern a file, also where they do not name it.
 _OF_FILES = {
     errno.ENOENT,
@@ -40,7 +38,9 @@ def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
+    os.environ.setdefault(
+        "OPENCV_LOG_LEVEL", "OFF"
+    )  # else a damaged image costs ten lines more
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # a letter that the locale lacks is a question mark
@@ -173,7 +173,10 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
         "score": ("score", "Score a folder of images with any published metric."),
     },
     "Restore my dive": {
-        "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),
+        "restore": (
+            "restore",
+            "Restore photographs for use: whole pictures with EXIF and GPS.",
+        ),
         "prepare": ("prepare", "Make a scene of photos: cameras, depth maps."),
         "describe": ("data", "Describe what a dataset holds, and list its faults."),
     },
@@ -199,7 +202,9 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
         "completion": ("completion", "Print the script for <TAB> completion in your shell."),
     },
 }
-_COMMANDS = {name: command for section in SECTIONS.values() for name, command in section.items()}
+_COMMANDS = {
+    name: command for section in SECTIONS.values() for name, command in section.items()
+}
 
 
 class _LazyGroup(click.Group):

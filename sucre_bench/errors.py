@@ -118,7 +118,9 @@ def file_error(path: object, fault: OSError, remedy: str) -> FileError:
     The class is FileError itself where the fault is not the file's: too many open files, say, or a disk that fails.
     """
     otherwise = DamagedFileError if fault.errno in _OF_CONTENT else FileError
-    kind = next((ours for theirs, ours in _KINDS.items() if isinstance(fault, theirs)), otherwise)
+    kind = next(
+        (ours for theirs, ours in _KINDS.items() if isinstance(fault, theirs)), otherwise
+    )
     return kind(f"cannot be read, {fault.strerror or fault}", path, remedy)
 
 
@@ -207,7 +209,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"{hint}known: {', '.join(names) or 'none'}"
 
 
-def unknown_name(place: str, name: str, known: Iterable[str], what: str = "option") -> InputError:
+def unknown_name(
+    place: str, name: str, known: Iterable[str], what: str = "option"
+) -> InputError:
     """Return the error for an unknown name; it suggests the nearest known name. place: as the user typed it."""
     return InputError(f"no {what} '{name}'", place, did_you_mean(name, known))
 

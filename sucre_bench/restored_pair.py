@@ -104,7 +104,9 @@ class RestoredPair:
         known = np.isfinite(colours).all(axis=1)
         patches = patch[known]
         counted = np.bincount(patches, minlength=n)
-        sums = np.stack([np.bincount(patches, column, n) for column in colours[known].T], axis=1)
+        sums = np.stack(
+            [np.bincount(patches, column, n) for column in colours[known].T], axis=1
+        )
         enough = counted >= np.maximum(1, _LEAST * np.bincount(patch, minlength=n))
         return np.where(enough[:, None], sums / np.maximum(counted, 1)[:, None], np.nan)
 

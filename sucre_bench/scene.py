@@ -81,7 +81,9 @@ class Water:
             f"  {name:9}" + "".join(f"{value:8.3f}".rjust(8) for value in row)
             for name, row in named.items()
         ]
-        return "\n".join(lines + ([f"  of {self.encoding} intensities"] if self.encoding else []))
+        return "\n".join(
+            lines + ([f"  of {self.encoding} intensities"] if self.encoding else [])
+        )
 
 
 @checked
@@ -151,8 +153,12 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     """
     image: Array = array_of(place, given, ("H", "W", 3), kinds="fiu")
     white = np.iinfo(np.uint16).max
-    sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
-    sample = sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
+    sample = image[
+        :: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)
+    ]
+    sample = (
+        sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
+    )
     top, low = sample.max(initial=0), sample.min(initial=0)
     # a dark image of 0 to 255
     is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2
@@ -171,8 +177,12 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     else:
         return image
     if low < 0:
-        raise InputError(fault, place, "pass intensities: floats with 0 for black and 1 for white")
-    remedy = f"divide by {255 if top <= 255 else white}: intensities are floats with 1 for white"
+        raise InputError(
+            fault, place, "pass intensities: floats with 0 for black and 1 for white"
+        )
+    remedy = (
+        f"divide by {255 if top <= 255 else white}: intensities are floats with 1 for white"
+    )
     raise InputError(fault, place, remedy)
 
 
@@ -245,7 +255,9 @@ class View:
     def __post_init__(self) -> None:
         if not callable(getattr(self.pixels, "load", None)):
             raise InputError(
-                f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1"
+                f"is {type(self.pixels).__name__}",
+                "View.pixels",
+                "pass Arrays(rgb), floats 0 to 1",
             )
         if self.cam_from_world is not None:
             pose = array_of(
@@ -260,7 +272,9 @@ class View:
             object.__setattr__(self, "cam_from_world", pose)
 
     def __repr__(self) -> str:  # of what is known without decoding a file
-        size = f"{self.camera.width}x{self.camera.height} pixels" if self.camera else "no camera"
+        size = (
+            f"{self.camera.width}x{self.camera.height} pixels" if self.camera else "no camera"
+        )
         pose = "a pose" if self.cam_from_world is not None else "no pose"
         charts = (
             f"charts {', '.join(chart.name for chart in self.charts)}"
@@ -355,7 +369,9 @@ def _pictures(views: Sequence[View]) -> dict[str, Array]:
     pictures = {}
     for view in views:
         with suppress(InputError):
-            pictures[view.name] = view.rgb if view.encoding == "gamma" else view.rgb ** (1 / 2.2)
+            pictures[view.name] = (
+                view.rgb if view.encoding == "gamma" else view.rgb ** (1 / 2.2)
+            )
     return pictures
 
 
@@ -390,7 +406,9 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
             if of_image
             else array_of(place, values, ("H", "W"), kinds="fiu")
         )
-        values = values.astype(np.float32, copy=False).view()  # its owner may go on writing into it
+        values = values.astype(
+            np.float32, copy=False
+        ).view()  # its owner may go on writing into it
     # What is no distance is unknown. Shared pixels are so already, and a copy of them would not be shared.
     if values is not None and plane == "depth" and not hasattr(pixels, "levels"):
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
@@ -447,7 +465,11 @@ class Scene:
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
         span = (
-            f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
+            f", {names[0]} to {names[-1]}"
+            if len(names) > 1
+            else f", {names[0]}"
+            if names
+            else ""
         )
         lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")

@@ -216,7 +216,9 @@ def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
 def same_draws(request: pytest.FixtureRequest) -> Iterator[None]:
     """A generator of random numbers that a module's tests share draws the same in each of them, in any order."""
     shared = [
-        value for value in vars(request.module).values() if isinstance(value, np.random.Generator)
+        value
+        for value in vars(request.module).values()
+        if isinstance(value, np.random.Generator)
     ]
     states = [generator.bit_generator.state for generator in shared]
     yield

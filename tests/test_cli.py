@@ -41,9 +41,9 @@ def test_lists_tell_programs_what_people_read(bench):
         "lower",
         [0, 180],
     )
-    assert [m["name"] for m in json.loads(bench("list", "methods", "sucre", "--json").stdout)] == [
-        "sucre"
-    ]
+    assert [
+        m["name"] for m in json.loads(bench("list", "methods", "sucre", "--json").stdout)
+    ] == ["sucre"]
     assert "'sucre'" in bench("list", "methods", "sucer").stderr
     assert "demo" in bench("list", "experiments").stdout
     assert "colmap" in bench("list", "datasets").stdout
@@ -86,7 +86,9 @@ def test_an_error_of_a_file_or_package_is_one_line_and_a_fault_of_the_code_is_ra
 
 
 def test_ctrl_c_before_the_work_begins_is_one_word_and_130(bench, tmp_path: Path):
-    (tmp_path / "stops.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    (tmp_path / "stops.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    )
     done = bench("list", "methods", "--plugin", "stops.py")
     assert (done.returncode, done.stderr.strip()) == (130, "stopped")
 

@@ -82,7 +82,11 @@ class Demo:
         for scene in Colmap(root=self.folder()).scenes():
             has = scene.has | {"truth"}
             yield dataclasses.replace(
-                scene, name=self.water, water=water_of(self.water), has=has, data_id=self.data_id
+                scene,
+                name=self.water,
+                water=water_of(self.water),
+                has=has,
+                data_id=self.data_id,
             )
 
     def folder(self) -> Path:
@@ -96,7 +100,9 @@ class Demo:
         return folder
 
     def _options(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}
+        return {
+            f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"
+        }
 
     @property
     def data_id(self) -> str:

@@ -68,7 +68,10 @@ def make(
     surfaces, rays = render.build(terrain, near, far, boards), pixel_rays(camera)
     shape = (views, height, width)
     rgb = np.empty((*shape, 3), dtype=np.uint8)
-    reference, depth = np.empty((*shape, 3), dtype=np.float32), np.empty(shape, dtype=np.float32)
+    reference, depth = (
+        np.empty((*shape, 3), dtype=np.float32),
+        np.empty(shape, dtype=np.float32),
+    )
     for i in track(range(views), "making the demo scene"):
         reference[i], depth[i] = render.render(surfaces, camera, poses[i])
         grain = np.random.default_rng([seed, 41, i]).normal(0, noise, rgb[i].shape)

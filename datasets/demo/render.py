@@ -82,7 +82,12 @@ class RayCaster:
         for number, one in enumerate(self._boards):
             met, facing = _meet_board(one.outline, centre, rays)
             first = (met > 0) & ((depth == 0) | (met < depth))
-            depth[first], normal[first], cell[first], board[first] = met[first], facing, -1, number
+            depth[first], normal[first], cell[first], board[first] = (
+                met[first],
+                facing,
+                -1,
+                number,
+            )
         return Hits(depth.astype(np.float32), normal.astype(np.float32), cell, board)
 
 
@@ -140,10 +145,14 @@ def _meet_ground(
             else:
                 along_u, along_v = last - height[j + 1, i], height[j + 1, i] - first
             leaves = min(
-                leaves, (i + (1 if du > 0 else 0) - u0) / du, (j + (1 if dv > 0 else 0) - v0) / dv
+                leaves,
+                (i + (1 if du > 0 else 0) - u0) / du,
+                (j + (1 if dv > 0 else 0) - v0) / dv,
             )
             diagonal = (i - j - u0 + v0) / (du - dv) if du != dv else leaves
-            leaves = max(min(leaves, diagonal) if diagonal > t + _BEYOND else leaves, t + _BEYOND)
+            leaves = max(
+                min(leaves, diagonal) if diagonal > t + _BEYOND else leaves, t + _BEYOND
+            )
             # The ray's height above the triangle's plane at its start, and what it gains on the way.
             above = z0 - first - along_u * (u0 - i) - along_v * (v0 - j)
             gain = dz - along_u * du - along_v * dv
@@ -180,7 +189,9 @@ def make_path(views: int, seed: int) -> Array:
         distance = _RANGE_M[0] * (_RANGE_M[1] / _RANGE_M[0]) ** s
         pitch = np.deg2rad(_PITCH_DEG[0] + s * (_PITCH_DEG[1] - _PITCH_DEG[0]))
         azimuth = np.deg2rad(_SWAY_DEG * np.sin(2 * np.pi * (1.3 * s + 0.1)))
-        centre = np.array(_PLACE) - distance * _direction(azimuth, pitch) + rng.normal(0, 0.02, 3)
+        centre = (
+            np.array(_PLACE) - distance * _direction(azimuth, pitch) + rng.normal(0, 0.02, 3)
+        )
         wobble_azimuth, wobble_pitch, roll = np.deg2rad(rng.normal(0, (1.5, 1.0, 1.5)))
         poses.append(
             _look(centre, _direction(azimuth + wobble_azimuth, pitch + wobble_pitch), roll)
@@ -252,7 +263,9 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
     points = centre + rays * depth[:, None]
     is_near = (hits.cell >= 0) & surfaces.is_near[hits.cell]
     seen = [(surfaces.near, is_near), (surfaces.far, (hits.cell >= 0) & ~is_near)]
-    seen += [(board.texture, hits.board == number) for number, board in enumerate(surfaces.boards)]
+    seen += [
+        (board.texture, hits.board == number) for number, board in enumerate(surfaces.boards)
+    ]
     for texture, which in seen:
         here = np.flatnonzero(which)
         at, right, down = (
@@ -263,7 +276,9 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
     return reference.reshape(*shape, 3), depth.reshape(shape)
 
 
-def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Chart, ...]:
+def visible_charts(
+    surfaces: Surfaces, camera: Camera, cam_from_world: Array
+) -> tuple[Chart, ...]:
     """Return the charts that a view shows whole, from their front, unhidden, with patches of at least 4 pixels."""
     charts, centre = [], -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
     for board in surfaces.boards:
@@ -339,7 +354,9 @@ def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
         -0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane)
     )
     way = np.linalg.norm(seen, axis=-1)
-    return np.where(seen[..., 2] > 0, lobe * (_LAMP_REACH_M / np.maximum(way, 0.1)) ** 2, 0), way
+    return np.where(
+        seen[..., 2] > 0, lobe * (_LAMP_REACH_M / np.maximum(way, 0.1)) ** 2, 0
+    ), way
 
 
 def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
@@ -362,7 +379,9 @@ def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
     ) / _LAMP_STEPS:  # finer near the camera, where the lamp is bright
         light, way = lamp_light(LAMP, points * s**2)
         along = distance * s**2
-        fade = np.exp(-water.backscatter * along[..., None] - water.attenuation * way[..., None])
+        fade = np.exp(
+            -water.backscatter * along[..., None] - water.attenuation * way[..., None]
+        )
         scattered = light * distance * 2 * s / _LAMP_STEPS
         seen = seen + water.veiling_light * water.backscatter * fade * scattered[..., None]
     return np.asarray(seen)

@@ -84,7 +84,12 @@ class Noise:
         self._lattice = np.ascontiguousarray(smooth / smooth.std())
 
     def field(
-        self, grid: Grid, z: Array | None, steps: Sequence[float], number: int, gain: float = 0.6
+        self,
+        grid: Grid,
+        z: Array | None,
+        steps: Sequence[float],
+        number: int,
+        gain: float = 0.6,
     ) -> Array:
         """Return a field on the surface z over a grid: (rows, columns) float32, about zero mean and unit deviation.
 
@@ -162,9 +167,9 @@ class Texture:
         """Whether the picture reaches to points (P, 2) in its metres: (P,) bool."""
         rows, columns = self.levels[0].shape[:2]
         return np.asarray(
-            ((at > self.origin) & (at < self.origin + self.texel * np.array([columns, rows]))).all(
-                axis=1
-            )
+            (
+                (at > self.origin) & (at < self.origin + self.texel * np.array([columns, rows]))
+            ).all(axis=1)
         )
 
 
@@ -176,7 +181,9 @@ def make_texture(albedo: Array, texel: float, origin: Array, axes: Array) -> Tex
     while len(levels) < _LEVELS and min(levels[-1].shape[:2]) >= 8:
         fine = levels[-1][: levels[-1].shape[0] // 2 * 2, : levels[-1].shape[1] // 2 * 2]
         levels.append(
-            cv2.resize(fine, (fine.shape[1] // 2, fine.shape[0] // 2), interpolation=cv2.INTER_AREA)
+            cv2.resize(
+                fine, (fine.shape[1] // 2, fine.shape[0] // 2), interpolation=cv2.INTER_AREA
+            )
         )
     return Texture(
         tuple(levels),
@@ -218,7 +225,11 @@ def sample(texture: Texture, at: Array, right: Array, down: Array) -> Array:
                 for b in offsets:
                     where = (start + np.float32(a) * u + np.float32(b) * v)[:, None, :]
                     total += cv2.remap(
-                        picture, where, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
+                        picture,
+                        where,
+                        none,
+                        cv2.INTER_LINEAR,
+                        borderMode=cv2.BORDER_REFLECT_101,
                     )
             colour[rows] = total[:, 0] / (65535 * _SAMPLES**2)
     return colour
@@ -261,14 +272,19 @@ def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float
     for bx, by, r in _scatter(rng, clearings):
         # a rough dome cut by random planes, as broken rock is
         turn, flat, stretch, sink, hue = _LEAST + _SPAN * rng.random(5)
-        angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[..., None, None]
+        angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[
+            ..., None, None
+        ]
         columns = slice(*np.searchsorted(x, (bx - 1.4 * r, bx + 1.4 * r)))
         rows = slice(*np.searchsorted(y, (by - 1.4 * r, by + 1.4 * r)))
         here = (rows, columns)
         if not sand[here].size:
             continue
         u, v = ((x[columns] - bx) / r)[None, :], ((y[rows] - by) / r)[:, None]
-        u, v = np.cos(turn) * u + np.sin(turn) * v, (np.cos(turn) * v - np.sin(turn) * u) / stretch
+        u, v = (
+            np.cos(turn) * u + np.sin(turn) * v,
+            (np.cos(turn) * v - np.sin(turn) * u) / stretch,
+        )
         beyond = (u * u + v * v) * (1 + 0.12 * rough[here])
         cuts = level + slope * (1 - np.cos(angle) * u - np.sin(angle) * v) - 0.3 * slope
         dome = np.minimum(np.maximum(1 - beyond, 0), cuts.min(axis=0))
@@ -289,7 +305,8 @@ def _sand(grid: Grid, noise: Noise) -> Array:
     rise = 0.2 * ramp**2 / (1 + 0.15 * ramp) + 0.02 * ramp
     rise *= 1 + 0.12 * noise.field(grid, None, (1.5, 0.8, 0.4), 3)
     return np.asarray(
-        rise + 0.06 * noise.field(grid, None, (2.5, 1.2, 0.6, 0.3), 4, gain=0.5), dtype=np.float32
+        rise + 0.06 * noise.field(grid, None, (2.5, 1.2, 0.6, 0.3), 4, gain=0.5),
+        dtype=np.float32,
     )
 
 
@@ -380,7 +397,9 @@ def place_board(site: Site, terrain: Terrain, texel: float) -> Board:
         return np.asarray(top_left + u * right + v * down)
 
     def rectangle(u0: float, v0: float, u1: float, v1: float) -> Array:
-        return np.stack([on_board(u0, v0), on_board(u1, v0), on_board(u1, v1), on_board(u0, v1)])
+        return np.stack(
+            [on_board(u0, v0), on_board(u1, v0), on_board(u1, v1), on_board(u0, v1)]
+        )
 
     boxes = [np.array(patch.box) * (width, height, width, height) for patch in kind.patches]
     axes = np.stack([right, down])
@@ -404,7 +423,9 @@ def _paint_board(site: Site, width: float, height: float, texel: float) -> Array
     picture[:] = _BARE
 
     def fill(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) -> None:
-        picture[slice(*np.searchsorted(y, (y0, y1))), slice(*np.searchsorted(x, (x0, x1)))] = colour
+        picture[slice(*np.searchsorted(y, (y0, y1))), slice(*np.searchsorted(x, (x0, x1)))] = (
+            colour
+        )
 
     fill(-_FRAME_M, -_FRAME_M, width + _FRAME_M, height + _FRAME_M, _FRAME)
     for patch in chart_kind(site.kind).patches:
@@ -420,7 +441,9 @@ _TURF, _WEED = (0.45, 0.42, 0.22), (0.27, 0.34, 0.15)
 _CORALLINE, _SOFT_CORAL = (0.66, 0.42, 0.47), (0.50, 0.38, 0.52)
 _RED_SPONGE, _YELLOW_SPONGE = (0.76, 0.30, 0.18), (0.80, 0.66, 0.26)
 
-_BAND_ROWS = 128  # of the seabed painted at once: what is worked on stays in the processor's cache
+_BAND_ROWS = (
+    128  # of the seabed painted at once: what is worked on stays in the processor's cache
+)
 
 
 def paint_seabed(terrain: Terrain, noise: Noise, grid: Grid) -> Texture:
@@ -442,7 +465,8 @@ def _paint(terrain: Terrain, shade: Array, noise: Noise, band: Grid) -> Array:
     """Return the albedo of a band of the ground, shaded: (rows, columns, 3) float32."""
     grid = band.padded(1)  # for the slopes at its edges
     z, rock, tint, shade = (
-        _over(grid, terrain.grid, of) for of in (terrain.height, terrain.rock, terrain.tint, shade)
+        _over(grid, terrain.grid, of)
+        for of in (terrain.height, terrain.rock, terrain.tint, shade)
     )
     fine = noise.field(grid, z, (0.064, 0.032, 0.016, 0.008), 11, gain=0.95)
     broad = noise.field(grid, z, (0.8, 0.4, 0.2, 0.1), 12, gain=0.75)
@@ -481,7 +505,9 @@ def _over(grid: Grid, coarse: Grid, values: Array) -> Array:
     )
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     return np.asarray(
-        cv2.warpAffine(values, warp, grid.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        cv2.warpAffine(
+            values, warp, grid.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
     )
 
 

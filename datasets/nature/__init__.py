@@ -18,7 +18,9 @@ from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Plane
 
 WaterName = Literal["coastal", "clear", "deep", "green", "blue", "haze"]
-PathName = Literal["approach", "forward", "survey", "survey_two_heights", "survey_varying", "orbit"]
+PathName = Literal[
+    "approach", "forward", "survey", "survey_two_heights", "survey_varying", "orbit"
+]
 Relief = Literal["normal", "flat", "rough"]
 
 _VERSION = 2  # to be raised whenever equal options make another scene than before
@@ -123,7 +125,9 @@ class Nature:
 
         def read(folder: Path) -> dict[str, Array] | None:
             try:
-                return {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _PLANES}
+                return {
+                    name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _PLANES
+                }
             except (OSError, ValueError):
                 return None
 

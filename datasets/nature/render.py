@@ -122,7 +122,9 @@ def render(options: Nature) -> dict[str, Array]:
     return {
         "rgb": np.stack([_file(image, spec, rng) for image in lit]),
         "reference": np.stack(reference).astype(np.float32),
-        "depth": np.stack([_wrong_depth(depth, spec, rng) for depth in depths]).astype(np.float32),
+        "depth": np.stack([_wrong_depth(depth, spec, rng) for depth in depths]).astype(
+            np.float32
+        ),
         "pose": _drifting(poses, np.stack(depths), camera, spec, rng),
         "water": water,
     }
@@ -238,7 +240,9 @@ def _scattered(
     along = length * steps**2  # finer where the strobe is bright
     weight = length * 2 * steps / 24
     return np.asarray(
-        (B * gamma * np.exp(-gamma * along) * light(origin + along * toward) * weight).sum(axis=1)
+        (B * gamma * np.exp(-gamma * along) * light(origin + along * toward) * weight).sum(
+            axis=1
+        )
     )
 
 
@@ -293,7 +297,9 @@ def _stored(image: Array, spec: Condition) -> Array:
     image = np.maximum(image, 0)
     if spec.tone == "srgb":
         return np.where(
-            image <= 0.0031308, 12.92 * image, 1.055 * np.maximum(image, 1e-9) ** (1 / 2.4) - 0.055
+            image <= 0.0031308,
+            12.92 * image,
+            1.055 * np.maximum(image, 1e-9) ** (1 / 2.4) - 0.055,
         )
     if spec.tone == "s":
         inside = np.minimum(image, 1)
@@ -314,7 +320,9 @@ def _file(image: Array, spec: Condition, rng: np.random.Generator) -> Array:
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
         ]
-        decoded = cv2.imdecode(cv2.imencode(".jpg", levels[..., ::-1], how)[1], cv2.IMREAD_COLOR)
+        decoded = cv2.imdecode(
+            cv2.imencode(".jpg", levels[..., ::-1], how)[1], cv2.IMREAD_COLOR
+        )
         levels = np.asarray(decoded)[..., ::-1]
     return levels.astype(np.float32) / np.float32(255)
 

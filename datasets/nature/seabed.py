@@ -53,7 +53,12 @@ def _height(heights: Array, x: float, y: float) -> float:
     x, y = x / CELL_M, y / CELL_M
     i, j = int(np.floor(x)), int(np.floor(y))
     u, v = x - i, y - j
-    i, j, i1, j1 = i & (CELLS - 1), j & (CELLS - 1), (i + 1) & (CELLS - 1), (j + 1) & (CELLS - 1)
+    i, j, i1, j1 = (
+        i & (CELLS - 1),
+        j & (CELLS - 1),
+        (i + 1) & (CELLS - 1),
+        (j + 1) & (CELLS - 1),
+    )
     low = heights[j, i] + u * (heights[j, i1] - heights[j, i])
     high = heights[j1, i] + u * (heights[j1, i1] - heights[j1, i])
     return low + v * (high - low)
@@ -123,7 +128,9 @@ class Seabed:
     heights: Array
     lattices: Array
 
-    def cast(self, K: Array, pose: Array, width: int, first: int, last: int) -> tuple[Array, Array]:
+    def cast(
+        self, K: Array, pose: Array, width: int, first: int, last: int
+    ) -> tuple[Array, Array]:
         """Return distance (P, 9), -1 for open water, and points (P, 9, 3) of all rays of pixels first to last."""
         turn = np.ascontiguousarray(pose[:3, :3])
         distance, points = _cast(
@@ -153,7 +160,10 @@ def make_seabed(rng: np.random.Generator, relief_m: float) -> Seabed:
             (left, low), radius = rng.uniform((-6, -4), (6, 14)), rng.uniform(0.12, 0.45)
             away = np.arange(-radius, radius, CELL_M)
             near = np.ix_(
-                *(np.floor((middle + away) / CELL_M).astype(int) % CELLS for middle in (low, left))
+                *(
+                    np.floor((middle + away) / CELL_M).astype(int) % CELLS
+                    for middle in (low, left)
+                )
             )
             inside = np.maximum(1 - ((away**2 + away[:, None] ** 2) / radius**2) ** 2, -1)
             boulder = heights[near].mean() + min(1, relief_m / 0.35) * 0.7 * radius * inside

@@ -58,9 +58,13 @@ def _commands() -> Iterator[str]:
 
 def _options(command: click.Command, context: click.Context) -> Iterator[str]:
     records = [
-        record for one in command.get_params(context) if (record := one.get_help_record(context))
+        record
+        for one in command.get_params(context)
+        if (record := one.get_help_record(context))
     ]
-    rows = [(name, text) for name, text in records if text and name.split()[0] not in _EVERYWHERE]
+    rows = [
+        (name, text) for name, text in records if text and name.split()[0] not in _EVERYWHERE
+    ]
     if rows:
         yield "| option | what it does |\n|---|---|"
         for name, text in rows:
@@ -95,6 +99,10 @@ def _row(name: str, option: Any) -> str:
 
 def _shown(value: Any) -> str:
     text = (
-        "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+        "null"
+        if value is None
+        else str(value).lower()
+        if isinstance(value, bool)
+        else str(value)
     )
     return f"`{text}`" if text else ""

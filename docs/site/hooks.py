@@ -43,13 +43,16 @@ def on_files(files: Files, config: Any) -> Files:
     if sample.is_file():
         files.append(File.generated(config, "sample.html", abs_src_path=str(sample)))
         first = first.replace(
-            "pictures/page.jpg)\n", "pictures/page.jpg)\n\n**[Open such a page](sample.html).**\n"
+            "pictures/page.jpg)\n",
+            "pictures/page.jpg)\n\n**[Open such a page](sample.html).**\n",
         )
     files.append(File.generated(config, "index.md", content=first))
     notebook = files.get_file_from_path("tutorial.ipynb")
     if notebook is None:
         raise FileNotFoundError("docs/tutorial.ipynb")
-    text = executed.read_text(encoding="utf-8") if executed.is_file() else notebook.content_string
+    text = (
+        executed.read_text(encoding="utf-8") if executed.is_file() else notebook.content_string
+    )
     files.append(File.generated(config, "tutorial.md", content=page_of(text)))
     return files
 

@@ -92,7 +92,9 @@ class PluginSource(_Source):
             values = configuration(_GROUPS[group], name)
             package = f"metrics.{values['name']}" if group == "metrics" else group
         config = OmegaConf.create(values)
-        return ConfigResult(self.provider, f"plugins://{config_path}", config, {"package": package})
+        return ConfigResult(
+            self.provider, f"plugins://{config_path}", config, {"package": package}
+        )
 
 
 class PluginSearchPath(SearchPathPlugin):
@@ -133,7 +135,9 @@ class ExperimentFile(_Source):
         path = Path(self.path)
         with reading(path, "save it as YAML in UTF-8"):
             text = regular(path).read_text(encoding="utf-8-sig")
-        content = read_yaml(text)  # without aliases, which may stand for more than fits into memory
+        content = read_yaml(
+            text
+        )  # without aliases, which may stand for more than fits into memory
         if not isinstance(content, dict):
             raise InputError(
                 "holds no keys",

@@ -87,4 +87,6 @@ def _ticking() -> Iterator[None]:
 def _reason(returned: JobReturn) -> str:
     from sucre_bench.errors import one_line
 
-    return "" if returned.status == JobStatus.COMPLETED else one_line(returned._return_value)[:160]  # noqa: SLF001
+    if returned.status == JobStatus.COMPLETED:
+        return ""
+    return one_line(returned._return_value)[:160]  # noqa: SLF001

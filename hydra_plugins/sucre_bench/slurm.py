@@ -34,15 +34,19 @@ with suppress(ImportError):
             folder, retries = params.pop("submitit_folder"), params.pop("max_num_timeout", 0)
             cpus = params.get("cpus_per_task", 1)
             threads = (
-                f"export {name}_NUM_THREADS={cpus}" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
+                f"export {name}_NUM_THREADS={cpus}"
+                for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
             )
             params["setup"] = [*threads, *params.get("setup", ())]
             # srun does not take over sbatch's, since SLURM 22.05
             params["srun_args"] = [f"--cpus-per-task={cpus}"]
             common = OmegaConf.structured(BaseQueueConf).keys()
-            executor = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=retries)
+            executor = submitit.AutoExecutor(
+                folder, cluster="slurm", slurm_max_num_timeout=retries
+            )
             named = {
-                name if name in common else f"slurm_{name}": value for name, value in params.items()
+                name if name in common else f"slurm_{name}": value
+                for name, value in params.items()
             }
             # submitit's default is not known to every cluster
             executor.update_parameters(**named, slurm_wckey=None)

@@ -127,7 +127,9 @@ class Command(RestoredElsewhere):
             self._environment.check()
         if not words or (not self._environment and shutil.which(words[0]) is None):
             what = f"'{words[0]}' is not found or not executable" if words else "is empty"
-            raise InputError(f"command.run: {what}; give a program that is installed, or its path")
+            raise InputError(
+                f"command.run: {what}; give a program that is installed, or its path"
+            )
         used = placeholders(self.run, _PER_VIEW, "command.run")
         if self.per == "scene" and used - set(_PER_SCENE):
             raise InputError(
@@ -146,7 +148,9 @@ class Command(RestoredElsewhere):
             raise InputError(f"command.bits: {self.bits} is neither 8 nor 16")
         check_ranges(self, timeout="(0, inf)")
         if self.rests_on is not None and not self.rests_on.exists():
-            raise MissingFileError("no such file or folder", self.rests_on, "mend command.rests_on")
+            raise MissingFileError(
+                "no such file or folder", self.rests_on, "mend command.rests_on"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the program's result for the view, in the view's encoding.
@@ -182,7 +186,9 @@ class Command(RestoredElsewhere):
     @property
     def _words(self) -> list[str]:
         try:
-            return [str(expanded(w)) if w.startswith("~/") else w for w in shlex.split(self.run)]
+            return [
+                str(expanded(w)) if w.startswith("~/") else w for w in shlex.split(self.run)
+            ]
         except ValueError as fault:
             raise InputError(
                 f"command.run: {fault}; close what was opened, or write \\' for the character"
@@ -209,7 +215,8 @@ class Command(RestoredElsewhere):
         codes = (
             word
             for before, word in named
-            if _TAKES_CODE.fullmatch(before) or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
+            if _TAKES_CODE.fullmatch(before)
+            or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
         )
         if not _PLAIN.fullmatch(name) and (word := next(codes, "")):
             remedy = "rename the view, or write {name} as a word of its own"
@@ -237,7 +244,12 @@ class Command(RestoredElsewhere):
                     name, (height, width) = "view.png", view.rgb.shape[:2]
                     self._refuse_code(view.name)
                     output = (place / "output" / name).with_suffix(self.output_suffix)
-                    values = {"output": output, "name": view.name, "width": width, "height": height}
+                    values = {
+                        "output": output,
+                        "name": view.name,
+                        "width": width,
+                        "height": height,
+                    }
                 else:
                     path = inside(view.name)
                     name = (
@@ -274,7 +286,9 @@ class Command(RestoredElsewhere):
         if plane == "input":
             image = converted(view.rgb, view.encoding, self.encoding_of(view))
             rounded = image.clip(0, 1) * (2**self.bits - 1) + 0.5
-            write_png(path, rounded[..., ::-1].astype(np.uint8 if self.bits == 8 else np.uint16))
+            write_png(
+                path, rounded[..., ::-1].astype(np.uint8 if self.bits == 8 else np.uint16)
+            )
             return path
         metres: Array = getattr(view, plane)
         if self.depth_format == "png":
@@ -331,7 +345,8 @@ class Command(RestoredElsewhere):
             "device": "unknown",
         }
         return replace(
-            restored, info=restored.info | info | {key: text for key, text in told.items() if text}
+            restored,
+            info=restored.info | info | {key: text for key, text in told.items() if text},
         )
 
 

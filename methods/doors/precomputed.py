@@ -61,7 +61,9 @@ def placeholders(template: str, known: Collection[str], option: str) -> frozense
 def check_pattern(pattern: str, option: str) -> None:
     """Raise InputError unless a pattern tells views apart and has no placeholder but {stem}, {name} and {parent}."""
     if not placeholders(pattern, ("name", "parent", "stem"), option) & {"stem", "name"}:
-        raise InputError(f"{option}: '{pattern}' is the same for every view; put {{stem}} into it")
+        raise InputError(
+            f"{option}: '{pattern}' is the same for every view; put {{stem}} into it"
+        )
 
 
 def inside(name: str) -> PurePosixPath:
@@ -167,7 +169,9 @@ class ImageFolder:
             for name in names
         )
         paths = sorted(
-            PurePosixPath(place, name) for place, name in walk if name.lower().endswith(SUFFIXES)
+            PurePosixPath(place, name)
+            for place, name in walk
+            if name.lower().endswith(SUFFIXES)
         )
         return _index(
             (path if self._is_whole else path.with_suffix(""), str(path)) for path in paths
@@ -242,7 +246,10 @@ class RestoredElsewhere:
         remedy = f"if it has none, give {typed_option('holes')}=black"
         say_if_black(path, seen, lambda: view.rgb, remedy)
         if profile := profile_of(path):
-            image, info = profile.to_srgb(image, self.encoding_of(view)), {PROFILE: profile.name}
+            image, info = (
+                profile.to_srgb(image, self.encoding_of(view)),
+                {PROFILE: profile.name},
+            )
         image = np.where(is_hole[..., None], np.float32(np.nan), image)
         image = converted(image, self.encoding_of(view), view.encoding).astype(np.float32)
         beside = path.with_suffix(".json")
@@ -330,7 +337,9 @@ def read_rendering(folder: Path) -> tuple[Path, list[str] | int, Encoding]:
         told: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
         held_out, encoding, balance = told["held_out"], told["encoding"], told["white_balance"]
     is_list = (
-        isinstance(held_out, list) and held_out and all(isinstance(name, str) for name in held_out)
+        isinstance(held_out, list)
+        and held_out
+        and all(isinstance(name, str) for name in held_out)
     )
     if not is_list and not (type(held_out) is int and held_out > 1):
         raise InputError(
@@ -483,6 +492,8 @@ class Precomputed(RestoredElsewhere):
     @functools.cached_property
     def _images(self) -> ImageFolder:
         if others := other_photographs(self.folder):
-            fault = f"{len(others)} pictures are in formats that are not read, as {others[0].name}"
+            fault = (
+                f"{len(others)} pictures are in formats that are not read, as {others[0].name}"
+            )
             image_files.say_once_a_folder(self.folder / "_", "formats", f"{fault}; {EXPORT}")
         return ImageFolder(self.folder, self.pattern)

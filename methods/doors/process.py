@@ -159,7 +159,10 @@ def _is_alive(group: int) -> bool:
 
     for pid in psutil.pids():
         with suppress(psutil.Error, ProcessLookupError, PermissionError):
-            if os.getpgid(pid) == group and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+            if (
+                os.getpgid(pid) == group
+                and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+            ):
                 return True
     return False
 
@@ -197,7 +200,9 @@ class Environment:
             show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {image}"
             bare = re.sub(r":[^/]*$", "", image)  # without a tag; a registry may have a port
             remedy = f"give docker:{bare}@sha256:..., or docker:sha256:... if it was built here; see `{show}`"
-            raise InputError("an image without digest may change", f"command.env={text}", remedy)
+            raise InputError(
+                "an image without digest may change", f"command.env={text}", remedy
+            )
         return cls(tool, str(expanded(name)) if tool != "docker" else name, digest)
 
     def __str__(self) -> str:
@@ -213,10 +218,14 @@ class Environment:
             )
         if self.tool == "uv" and not Path(self.name).is_file():
             raise MissingFileError(
-                "no such file", self.name, "give uv:FILE, a file of requirements, in command.env"
+                "no such file",
+                self.name,
+                "give uv:FILE, a file of requirements, in command.env",
             )
         if self.digest and (found := self._found_digest) and found != self.digest:
-            remedy = "bring the old content back, or leave out @sha256:... and give another label"
+            remedy = (
+                "bring the old content back, or leave out @sha256:... and give another label"
+            )
             raise InputError(f"is {found} now, not {self.digest}", self._place, remedy)
 
     @property
@@ -231,7 +240,9 @@ class Environment:
             return self.digest
         try:
             content = (
-                _explicit_list(self.name) if self.tool == "conda" else Path(self.name).read_bytes()
+                _explicit_list(self.name)
+                if self.tool == "conda"
+                else Path(self.name).read_bytes()
             )
         except OSError:
             content = b""

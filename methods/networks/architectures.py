@@ -31,14 +31,17 @@ class WaterNet(nn.Module):
         refiners = (self.wb_refiner, self.ce_refiner, self.gc_refiner)
         confidence = self.cmg(x).split(1, dim=1)
         refined = (
-            of(torch.cat([raw, image], dim=1)) for of, image in zip(refiners, derived, strict=True)
+            of(torch.cat([raw, image], dim=1))
+            for of, image in zip(refiners, derived, strict=True)
         )
-        return torch.stack([c * image for c, image in zip(confidence, refined, strict=True)]).sum(
-            dim=0
-        )
+        return torch.stack(
+            [c * image for c, image in zip(confidence, refined, strict=True)]
+        ).sum(dim=0)
 
 
-def _convolutions(channels: int, layers: list[tuple[int, int]], last: nn.Module) -> nn.Sequential:
+def _convolutions(
+    channels: int, layers: list[tuple[int, int]], last: nn.Module
+) -> nn.Sequential:
     """Convolutions (features, size of the kernel) that keep the size, ReLU between, `last` at the end."""
     parts: OrderedDict[str, nn.Module] = OrderedDict()
     for i, (features, size) in enumerate(layers, start=1):
@@ -67,7 +70,10 @@ class FunieGenerator(nn.Module):
         self.up4 = _up(256, 32)
         # A kernel of 4 has no middle: one more row and column above and to the left keep the size.
         self.final = nn.Sequential(
-            nn.Upsample(scale_factor=2), nn.ZeroPad2d((2, 1, 2, 1)), nn.Conv2d(64, 3, 4), nn.Tanh()
+            nn.Upsample(scale_factor=2),
+            nn.ZeroPad2d((2, 1, 2, 1)),
+            nn.Conv2d(64, 3, 4),
+            nn.Tanh(),
         )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -112,7 +118,9 @@ class TaclGenerator(nn.Module):
             *_normalised(nn.Conv2d(64, 128, 3, stride=2, padding=1)),
             *_normalised(nn.Conv2d(128, 256, 3, stride=2, padding=1)),
             *(_Residual(256) for _ in range(9)),
-            *_normalised(nn.ConvTranspose2d(256, 128, 3, stride=2, padding=1, output_padding=1)),
+            *_normalised(
+                nn.ConvTranspose2d(256, 128, 3, stride=2, padding=1, output_padding=1)
+            ),
             *_normalised(nn.ConvTranspose2d(128, 64, 3, stride=2, padding=1, output_padding=1)),
             nn.ReflectionPad2d(3),
             nn.Conv2d(64, 3, 7),

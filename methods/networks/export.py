@@ -74,7 +74,9 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
 def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """The parameters of a whole module, and what it holds, by their keys in its state dict."""
     state = (
-        module.state if isinstance(module, _StandIn) and isinstance(module.state, Mapping) else {}
+        module.state
+        if isinstance(module, _StandIn) and isinstance(module.state, Mapping)
+        else {}
     )
     left_out = state.get("_non_persistent_buffers_set", ())
     for name, value in {**state.get("_parameters", {}), **state.get("_buffers", {})}.items():
@@ -165,7 +167,9 @@ def _main(words: list[str]) -> None:
             raise InputError("is there", target, "give a new file, or move this one away")
         for word in network[1:]:
             if not re.fullmatch(r"at=\d+x\d+|(?!at=)\w+=-?\d+", word):
-                raise InputError("is no option", word, "write OPTION=NUMBER, or at=HEIGHTxWIDTH")
+                raise InputError(
+                    "is no option", word, "write OPTION=NUMBER, or at=HEIGHTxWIDTH"
+                )
         given = dict(word.split("=", 1) for word in network[1:])
         at = given.pop("at", "")
         if network:

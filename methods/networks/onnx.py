@@ -50,7 +50,9 @@ class OnnxNetwork:
         """
         batch = (pixels.round().clip(0, 255) if self.dtype == "uint8" else pixels)[None]
         batch = batch.transpose(0, 3, 1, 2) if self.channels_first else batch
-        feed = {self.session.get_inputs()[0].name: np.ascontiguousarray(batch, dtype=self.dtype)}
+        feed = {
+            self.session.get_inputs()[0].name: np.ascontiguousarray(batch, dtype=self.dtype)
+        }
         height, width = pixels.shape[:2]
         try:
             restored = np.asarray(self.session.run([self.output], feed)[0])
@@ -126,7 +128,9 @@ def _opened(
         raise InputError(
             f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}"
         ) from fault
-    if device == "cuda" and session.get_providers()[0] != _CUDA:  # not there, or it did not start
+    if (
+        device == "cuda" and session.get_providers()[0] != _CUDA
+    ):  # not there, or it did not start
         raise InputError(
             "onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
         )
@@ -164,7 +168,13 @@ def _read_shape(
         )
     places = [name for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)]
     chosen = (
-        layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
+        layout
+        if layout != "auto"
+        else "nchw"
+        if sizes[1] == 3
+        else "nhwc"
+        if sizes[3] == 3
+        else ""
     )
     if not chosen and len(places) == 2:
         raise InputError(
@@ -293,5 +303,8 @@ class Onnx:
             return resized(restored * deviation_out + mean_out, *rgb.shape[:2])
 
         return restored_at(
-            view, at, network.device, lambda rgb: tiled([rgb], run, tile, self.overlap, multiple)
+            view,
+            at,
+            network.device,
+            lambda rgb: tiled([rgb], run, tile, self.overlap, multiple),
         )

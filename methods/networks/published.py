@@ -15,7 +15,12 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.networks.run_torch import Architecture, TorchNetwork, check_file, loaded
+from sucre_bench.methods.networks.run_torch import (
+    Architecture,
+    TorchNetwork,
+    check_file,
+    loaded,
+)
 from sucre_bench.methods.networks.sizes import limited, restored_at, tiled
 from sucre_bench.plugins.options import check_ranges
 

@@ -36,7 +36,9 @@ _WRAPPERS = (
     "G",
 )
 
-UNSAFE = r"Unsupported global: GLOBAL (\S+)"  # in what torch says of an object that is no tensor
+UNSAFE = (
+    r"Unsupported global: GLOBAL (\S+)"  # in what torch says of an object that is no tensor
+)
 
 _COUNTER = "num_batches_tracked"
 
@@ -167,7 +169,9 @@ def _loaded(
         network: torch.nn.Module = getattr(architectures, architecture)()
     network.to_empty(device="cpu")
     # Batches seen in training: files from before PyTorch 0.4.1 lack them, and nothing here depends on them.
-    found = {key: value for key, value in read_state(weights).items() if not key.endswith(_COUNTER)}
+    found = {
+        key: value for key, value in read_state(weights).items() if not key.endswith(_COUNTER)
+    }
     expected = {
         key: value for key, value in network.state_dict().items() if not key.endswith(_COUNTER)
     }

@@ -38,7 +38,8 @@ def restored_at(
     height, width = view.rgb.shape[:2]
     restored = run(resized(view.rgb, *at))
     return Restoration(
-        resized(restored, height, width), info={"device": device, "worked_at": f"{at[0]}x{at[1]}"}
+        resized(restored, height, width),
+        info={"device": device, "worked_at": f"{at[0]}x{at[1]}"},
     )
 
 
@@ -76,7 +77,9 @@ def _up(length: int, multiple: int) -> int:
     return -(-length // multiple) * multiple
 
 
-def _tiles(length: int, tile: int | None, overlap: int, multiple: int) -> list[tuple[int, Array]]:
+def _tiles(
+    length: int, tile: int | None, overlap: int, multiple: int
+) -> list[tuple[int, Array]]:
     """Where along a line tiles start, on multiples, and the weight of each of their pixels; weights add up to 1."""
     shared = _up(overlap, multiple)
     n = (

@@ -121,7 +121,9 @@ def descend(observations: Observations, start: Array, water: Array, steps: Steps
         water_32, step_32 = water.astype(np.float32), tuple(map(np.float32, step))
 
         def work(block: Block) -> Any:
-            return _swept(store, (block.start, block.start + block.n), water_32, colours, step_32)
+            return _swept(
+                store, (block.start, block.start + block.n), water_32, colours, step_32
+            )
 
         total = sum(workers.map(work, cut), np.zeros((3, 4)))
         return total[:, 0], -2 * total[:, 1:]

@@ -203,10 +203,14 @@ class _Search:
     ) -> Minimum:
         """Return where a start leads; tied: with gamma = beta, from rows that have one coefficient."""
         most = _MOST_DEPTH / self.distance  # rates for scenes seen from about this distance
-        bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([True, False, False]))
+        bounds = Bounds(
+            np.zeros(3), np.array([1.0, most, most]), np.array([True, False, False])
+        )
         if not tied:
             return minimise(evaluate, start, bounds, **limits)
-        end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, bounds, **limits)
+        end = minimise(
+            lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, bounds, **limits
+        )
         return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
 
     @contextmanager
@@ -250,7 +254,10 @@ class _Search:
 
         def lowest(evaluate: _Evaluate, starts: Iterable[Array]) -> Minimum:
             return _best(
-                [self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts]
+                [
+                    self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor)
+                    for at in starts
+                ]
             )
 
         with self.over([observations, *dark], margin) as evaluate:
@@ -263,7 +270,9 @@ class _Search:
                 # Attenuation is 0: at that bound, or within its error, if that is small enough. An error that could
                 # hide a visible optical depth shows no clear medium, but an unknown one.
                 beta, most = end.at[:, 1], 2 * known.standard_error.beta
-                clear = (beta == 0) | ((beta <= most) & ((beta + most) * self.distance < _CLEAR))
+                clear = (beta == 0) | (
+                    (beta <= most) & ((beta + most) * self.distance < _CLEAR)
+                )
                 likely = lowest(prior, (end.at, *grid))
                 if (bright := weak & ~clear & (likely.at[:, 0] >= 1)).any():
                     one = self.descended(
@@ -295,7 +304,9 @@ class _Search:
 
 
 def _water(end: Minimum, dead: Mask) -> WaterParameters:
-    return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # a dead channel: J = I
+    return WaterParameters.of_channels(
+        np.where(dead[:, None], 0, end.at)
+    )  # a dead channel: J = I
 
 
 def _uncertainty(
@@ -328,7 +339,9 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
     per_channel = []
     for c in range(3):
         found = [
-            (float(cost), end.at[c]) for end in ends if np.isfinite(cost := _plausible_cost(end)[c])
+            (float(cost), end.at[c])
+            for end in ends
+            if np.isfinite(cost := _plausible_cost(end)[c])
         ]
         if not found:
             raise SolveError(*_hopeless("no water gives finite residuals"))
@@ -402,7 +415,9 @@ def _undetermined(
     return np.asarray(loose & ~dead & np.isfinite(uncertainty.noise))
 
 
-def _with_priors(evaluate: _Evaluate, noise: Array, distance: float, channels: Mask) -> _Evaluate:
+def _with_priors(
+    evaluate: _Evaluate, noise: Array, distance: float, channels: Mask
+) -> _Evaluate:
     """Return the evaluation with priors on some channels (3,); noise: (3,) of an observation; distance: median, m."""
     scale = np.where(channels, noise * distance, 0)
     J = np.zeros((3, 2, 3))  # of the two prior residuals in B, beta, gamma

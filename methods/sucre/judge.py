@@ -240,9 +240,9 @@ class Target:
         a = l * transmission(z, water.beta[:, None])
         b = l * veil(z, water.B[:, None], water.gamma[:, None])
         seen, information = (
-            np.stack([np.bincount(self.place, channel * weight, n) for channel in values]).astype(
-                np.float64
-            )
+            np.stack(
+                [np.bincount(self.place, channel * weight, n) for channel in values]
+            ).astype(np.float64)
             for values in (a * (self.intensity - b), a * a)
         )
         return (
@@ -251,7 +251,9 @@ class Target:
             b,
         )
 
-    def errors(self, fit: Fitted | None, half: frozenset[str], on_itself: bool = False) -> Array:
+    def errors(
+        self, fit: Fitted | None, half: frozenset[str], on_itself: bool = False
+    ) -> Array:
         """Return the errors (3, M) of tile means in views outside a half, by a fit to the half: shares of the scale.
 
         on_itself: in the views of the half instead.
@@ -286,9 +288,9 @@ class Target:
         known = np.isfinite(J).all(axis=0)
         z = self.distance[known]
         near, far = np.quantile(z, (1 / 3, 2 / 3))
-        shown = to_lab(display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN))[
-            :, 0
-        ]
+        shown = to_lab(
+            display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN)
+        )[:, 0]
         between = np.median(shown[z >= far], axis=0) - np.median(shown[z <= near], axis=0)
         return float(np.hypot(*between[1:]))
 
@@ -377,7 +379,9 @@ class Court:
             over.append(float(np.median(np.concatenate(errors))) / plain)
         return float(np.median(over))
 
-    def in_water(self, model: Model, water: Callable[[WaterParameters], WaterParameters]) -> float:
+    def in_water(
+        self, model: Model, water: Callable[[WaterParameters], WaterParameters]
+    ) -> float:
         """Return the error of a fitted model with other waters than its own, over that of no water in even light."""
         *of_halves, _ = self.fitted[model]
         return self.held_out([replace(fit, water=water(fit.water)) for fit in of_halves])
@@ -441,9 +445,12 @@ class Court:
         ]
         simplest = first[0].light
         judge([model for model in first if model.light == simplest])
-        judge([model for model in first if model.fit == first[0].fit and model.light in _TELLING])
+        judge(
+            [model for model in first if model.fit == first[0].fit and model.light in _TELLING]
+        )
         of_simplest = min(
-            (known[model].held_out for model in known if model.light == simplest), default=np.inf
+            (known[model].held_out for model in known if model.light == simplest),
+            default=np.inf,
         )
         if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:
             # light differs

@@ -90,7 +90,12 @@ def water_of(
             fault = f"it estimates no {', '.join(unknown)}"
             raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
         return _known(
-            place, found.water, lighting_of(found.info, place, view.name), view, encoding, option
+            place,
+            found.water,
+            lighting_of(found.info, place, view.name),
+            view,
+            encoding,
+            option,
         )
     path = expanded(source)
     if path.is_dir():
@@ -162,7 +167,9 @@ def _known(
     if lighting.falls_off:
         fault = "was fitted together with light that falls off, and explains no other"
         raise InputError(f"{place}: {fault}; use {option.typed}={option.words[0]}")
-    values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
+    values = np.array(
+        [water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64
+    )
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(
             f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue"

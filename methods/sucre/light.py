@@ -167,7 +167,9 @@ class Sample:
     def take(self, which: Mask | slice) -> Sample:
         """Return the sample of some pixels."""
         I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]
-        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.tile[:, which])
+        return Sample(
+            self.z[which], I, weight, ray, self.views, self.target, self.tile[:, which]
+        )
 
     @property
     def shown(self) -> Mask:
@@ -228,7 +230,9 @@ class Light:
     def least_on(self, observations: Observations) -> float:
         """Return the least light of the lens on observations with `ray`, over the largest: percentiles 1 and 99."""
         assert observations.ray is not None
-        log = np.tensordot(self.lens, terms(observations.ray.astype(np.float64) / self.extent), 1)
+        log = np.tensordot(
+            self.lens, terms(observations.ray.astype(np.float64) / self.extent), 1
+        )
         low, high = np.quantile(log, (0.01, 0.99))
         return float(np.exp(low - high))
 
@@ -248,7 +252,9 @@ class Light:
         assert observations.view is not None
         assert observations.ray is not None
         light = self.over(observations.views)
-        return light.falling(observations.ray[:, part].astype(np.float64), observations.view[part])
+        return light.falling(
+            observations.ray[:, part].astype(np.float64), observations.view[part]
+        )
 
     def removed(self, observations: Observations) -> Observations:
         """Return the observations as they would be in even light (float32), weights multiplied by l^2.
@@ -318,7 +324,9 @@ class Problem:
         """Which unknown the gain of each channel and view is, (3, V); -1 without gains."""
         own = np.full((3, len(self.sample.views)), -1)
         if self.parts.gains:
-            own[:] = np.arange(self.size - self.sizes[2], self.size).reshape(self.parts.gains, -1)
+            own[:] = np.arange(self.size - self.sizes[2], self.size).reshape(
+                self.parts.gains, -1
+            )
         return own
 
     @cached_property
@@ -353,8 +361,12 @@ class Problem:
         ]
         if self.parts.lens:
             found.insert(0, (9, np.eye(TERMS), TERMS))
-        forms = [np.pad(form, (start, self.size - start - len(form))) for start, form, _ in found]
-        return np.reshape(forms, (-1, self.size, self.size)), np.array([rank for *_, rank in found])
+        forms = [
+            np.pad(form, (start, self.size - start - len(form))) for start, form, _ in found
+        ]
+        return np.reshape(forms, (-1, self.size, self.size)), np.array(
+            [rank for *_, rank in found]
+        )
 
     @property
     def bounds(self) -> Bounds:
@@ -372,7 +384,9 @@ class Problem:
         """Return the unknowns of a light with fewer parts; the others are 0."""
         gains = np.nan_to_num(light.gains).T[: self.parts.gains]
         kinds = zip(
-            (light.water.by_channel().ravel(), light.lens, gains.ravel()), self.sizes, strict=True
+            (light.water.by_channel().ravel(), light.lens, gains.ravel()),
+            self.sizes,
+            strict=True,
         )
         return np.concatenate([kind[:n] for kind, n in kinds])
 
@@ -423,7 +437,9 @@ class Problem:
         return ReducedSystem(H[None], g[None], np.array([cost]), K[None])
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
-        end = minimise(lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance)
+        end = minimise(
+            lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance
+        )
         return end.at[0], end.system
 
 
@@ -558,7 +574,9 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     other = problem.unknowns(light)[9:]
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for row in rows]
     problem = Problem(sample, parts)
-    at, system = problem.descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
+    at, system = problem.descend(
+        min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE
+    )
     n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
     noise = system.cost[0] / max(n_excess, 1) * _shared(sample, problem.light(at))
     at, covariance = _with_spreads(problem, at, noise)

@@ -135,7 +135,9 @@ def _convex(system: ReducedSystem, free: Mask, linear: Mask) -> tuple[Array, Arr
     own = np.einsum("cii->ci", system.H)
     known = free & (own > 0) & np.asarray(np.isfinite(K).all(axis=(1, 2)))[:, None]
     rest = K - (K / np.where(known & linear, own, np.inf)[:, None]) @ K
-    size = np.where(linear, own.clip(min=0), np.maximum(own, np.abs(np.einsum("cii->ci", rest))))
+    size = np.where(
+        linear, own.clip(min=0), np.maximum(own, np.abs(np.einsum("cii->ci", rest)))
+    )
     scale = np.divide(1, np.sqrt(size), out=np.zeros_like(size), where=known)
     lowest = np.linalg.eigvalsh(_scaled(rest, np.where(linear, 0, scale)))[:, 0]
     return scale, np.where(lowest < 0, -1.1 * lowest + _CONVEX, 0)
@@ -171,7 +173,9 @@ def _step(
         pull = np.where(free, scale * system.g - np.einsum("cij,cj->ci", A, held), t)
         best = np.linalg.solve(_among(free, A), pull[..., None])[..., 0]
         inside = np.clip(best, low, high)
-        share = np.divide(inside - t, best - t, out=np.ones_like(t), where=free & (best != inside))
+        share = np.divide(
+            inside - t, best - t, out=np.ones_like(t), where=free & (best != inside)
+        )
         least = share.min(axis=1, keepdims=True)
         reached = free & (best != inside) & (share == least)
         t = np.where(reached, inside, t + least * (best - t))

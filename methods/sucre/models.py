@@ -26,7 +26,14 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.exact import WaterFit, check_pairs, fit
-from sucre_bench.methods.sucre.light import EVEN_LIGHT, Light, LightFit, Parts, Sample, fit_light
+from sucre_bench.methods.sucre.light import (
+    EVEN_LIGHT,
+    Light,
+    LightFit,
+    Parts,
+    Sample,
+    fit_light,
+)
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.observed import SAMPLE, Observed, sampled
 from sucre_bench.methods.sucre.passes import Backend, opened
@@ -179,7 +186,9 @@ def fit_model(
             "the light leaves no pixel that two views show",
             remedy=f"use {typed_option('light')}=even",
         )
-    fitted = fit_water(even, None if matched is None else light.light.removed(matched), **options)
+    fitted = fit_water(
+        even, None if matched is None else light.light.removed(matched), **options
+    )
     return _with_light(fitted, light, seen, even)
 
 
@@ -231,14 +240,16 @@ def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observati
     if alike is not None:  # errors of beta are most of what places and views share
         alike = (
             alike
-            * np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1, None, None] ** 2
+            * np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1, None, None]
+            ** 2
         )
     uncertainty = replace(
         uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike
     )
     is_mixed = bool((found.error[:, 1] * median >= _LOOSE).any())
     said = [
-        f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light, seen.matched or even)
+        f"{one}; {_MIXED}" if is_mixed else one
+        for one in sentences_of(light, seen.matched or even)
     ]
     if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
         said += far_colours(error[:, 1] * far)
@@ -312,7 +323,9 @@ def fit_water(
         found = how(to_fit, near=found.water)
     if physical:
         near_or_free = {"free": found.water} if near is None else {"near": near}
-        found = how(to_fit, physical=True, sharp=None if matched is None else sharp, **near_or_free)
+        found = how(
+            to_fit, physical=True, sharp=None if matched is None else sharp, **near_or_free
+        )
     uncertainty = (
         found.uncertainty if noise is None else rescaled_to_noise(found.uncertainty, noise)
     )

@@ -209,7 +209,10 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
     """The products (3, 4, 7) of a share's pixels (start, stop, slots), `size` at a time; see passes.products."""
     distance, _, _, starts, _ = store
     start, stop, slots = share
-    kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((6, size), dtype=np.float32)
+    kept, sums = (
+        np.empty((slots, 4, size), dtype=np.float32),
+        np.empty((6, size), dtype=np.float32),
+    )
     roots = np.ones(size, dtype=np.float32)
     total = np.zeros((3, 4, 7))
     for begin in range(start, stop, size):

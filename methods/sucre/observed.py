@@ -128,7 +128,9 @@ class Observed:
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
         view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
         observations = light.removed(self.with_rays().observations)
-        return replace(self, view=view, observations=observations, light=alone, recorded=self.view)
+        return replace(
+            self, view=view, observations=observations, light=alone, recorded=self.view
+        )
 
     def coloured(
         self, water: WaterParameters, uncertainty: WaterUncertainty | None = None
@@ -215,7 +217,9 @@ class Dive(Observed):
         """Return the dive as some views show it."""
 
         def of_half(observations: Observations) -> Observations:
-            return observations.in_views(np.array([name in names for name in observations.views]))
+            return observations.in_views(
+                np.array([name in names for name in observations.views])
+            )
 
         matched = None if self.matched is None else of_half(self.matched)
         if matched is not None:
@@ -288,7 +292,9 @@ def first_slot(observations: Observations) -> Observations:
     first = np.arange(n)
     if observations.weight is not None:
         for _, part in reversed(list(observations.slots())):
-            known = np.flatnonzero(np.atleast_2d(observations.weight[..., part] > 0).all(axis=0))
+            known = np.flatnonzero(
+                np.atleast_2d(observations.weight[..., part] > 0).all(axis=0)
+            )
             first[known] = part.start + known
     return replace(
         observations,

@@ -126,7 +126,9 @@ def solve_adam(
     eps = EPS if options.objective == "sum" else EPS * 3 * len(observations)
     tied = options.one_coefficient
     rows = water.by_channel()[:, [0, 1, 1 if tied else 2]]
-    found = descend(observations, start, rows, Steps(options.steps, options.lr, eps, tied), place)
+    found = descend(
+        observations, start, rows, Steps(options.steps, options.lr, eps, tied), place
+    )
     if not np.isfinite(found.cost).all():
         raise SolveError(
             f"Adam diverged after {options.steps} steps; lower lr ({options.lr}) or steps"

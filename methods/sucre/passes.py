@@ -147,7 +147,11 @@ def blocks(
 
 
 def fill(
-    observations: Observations, block: Block, dtype: Any = np.float32, *, width: int | None = None
+    observations: Observations,
+    block: Block,
+    dtype: Any = np.float32,
+    *,
+    width: int | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return distance (K, n), intensity (3, K, n) and weight of a block's observations, 0 in empty places.
 
@@ -283,7 +287,9 @@ def _squares(columns: Any, on_gpu: bool) -> Any:
         return columns @ columns.swapaxes(1, 2)
     library = library_of(columns)
     wide = {"dtype": library.float64} if library.__name__ == "torch" else {}
-    return library.stack([(columns * columns[:, k : k + 1]).sum(-1, **wide) for k in range(4)], 1)
+    return library.stack(
+        [(columns * columns[:, k : k + 1]).sum(-1, **wide) for k in range(4)], 1
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,7 +317,9 @@ class Kernel:
         """
         stop = self.observations.n_repeated if margin is None else None
         formula = products_on_gpu if self.device == "cuda" else products
-        parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
+        parts = self._each(
+            stop, formula, water, None if margin is None else _by_channel(margin)
+        )
         total = sum((part for _, part in parts), np.zeros((3, 4, 7)))
         H, bent = total[:, :3, :3], total[:, :3, 4:]
         return ReducedSystem(H, total[:, :3, 3], total[:, 3, 3], H + bent)
@@ -420,7 +428,9 @@ def on_jax(observations: Observations, device: str) -> Kernel:
 
     def compute(formula: Any, block: Block, *parameters: Any) -> Array:
         width = min(1 << (block.n - 1).bit_length(), max(1, _JAX[device] // block.slots))
-        narrow = [None if values is None else values.astype(np.float32) for values in parameters]
+        narrow = [
+            None if values is None else values.astype(np.float32) for values in parameters
+        ]
         return np.asarray(
             _jitted(formula)(
                 *jax.device_put((*fill(observations, block, width=width), *narrow), place)

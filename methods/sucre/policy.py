@@ -58,9 +58,7 @@ _COMMON = "{}, so the dive's common water was taken, and the exposure of its fir
 _UNDETERMINED = "this view alone does not determine a water"
 _NEGATIVE = "this view's own water makes {:.0%} of a channel darker than black"
 
-_TYPICAL_EXPOSURE = (
-    "too few pixels are shared with others to find this view's exposure; the typical one was taken"
-)
+_TYPICAL_EXPOSURE = "too few pixels are shared with others to find this view's exposure; the typical one was taken"
 
 _UNJUDGED = "too few views overlap to judge a water on views that it was not fitted to"
 
@@ -84,9 +82,12 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
     verdict = chosen_model(seen.scene, judging(options))
     even, solution, words = _restored(seen, options, verdict)
     if (
-        share := seen.observations.n_repeated / max(1, int(np.count_nonzero(seen.view.depth > 0)))
+        share := seen.observations.n_repeated
+        / max(1, int(np.count_nonzero(seen.view.depth > 0)))
     ) < _OVERLAP:
-        said.append(f"only {share:.1%} of the points lie where other views see them; {_NO_OVERLAP}")
+        said.append(
+            f"only {share:.1%} of the points lie where other views see them; {_NO_OVERLAP}"
+        )
     if verdict.is_unjudged:
         said.append(_UNJUDGED)
     solution = solution.decided(model=verdict.model.words, judged=verdict.judged or None)
@@ -140,7 +141,9 @@ def _in_water_of_dive(
     """Return the view in even light, its solution in the common water of the dive, and what to say."""
     fitted = _of_dive(seen.scene, judging(options), model)
     if isinstance(fitted, SolveError):
-        raise type(fitted)(*fitted.args)  # a new one: a traceback holds what a view has in memory
+        raise type(fitted)(
+            *fitted.args
+        )  # a new one: a traceback holds what a view has in memory
     if fitted.light is None or fitted.light.is_known_of(seen.view.name):
         return *_coloured(seen, fitted), []
     light = fitted.light.with_typical(seen.view.name)
@@ -163,13 +166,17 @@ def _of_dive(scene: Scene, options: Any, model: Model) -> Fitted | SolveError:
 def _coloured(seen: Observed, fitted: Fitted) -> tuple[Observed, Solution]:
     """Return the view in the light of the fit, and its colours in the water."""
     if is_in_air(seen.observations, fitted):
-        others = [limit for limit in fitted.uncertainty.limits if not limit.startswith(CHANNELS)]
+        others = [
+            limit for limit in fitted.uncertainty.limits if not limit.startswith(CHANNELS)
+        ]
         uncertainty = replace(
             fitted.uncertainty, limits=(_AIR, *others), is_weak=(False, False, False)
         )
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)
-    return even, _unless_guessed(even, fitted.colours_of(even.observations, **seen.options.compute))
+    return even, _unless_guessed(
+        even, fitted.colours_of(even.observations, **seen.options.compute)
+    )
 
 
 def _unless_guessed(even: Observed, solution: Solution) -> Solution:
@@ -187,7 +194,9 @@ def is_guess(solution: Solution) -> bool:
     )
 
 
-def _photograph(seen: Observed, course: Course, limit: str, *, is_clear: bool = False) -> Solution:
+def _photograph(
+    seen: Observed, course: Course, limit: str, *, is_clear: bool = False
+) -> Solution:
     """Return the photograph without a water, and why; is_clear: in a medium that is known to dim nothing.
 
     Its standard deviation is that of one observation.

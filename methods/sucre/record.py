@@ -120,7 +120,9 @@ def restoration(
         "cost": solution.cost,
         "negative_share": negative,
         "below_zero": [
-            name for name, share in zip(CHANNELS, negative, strict=True) if share > MOST_NEGATIVE
+            name
+            for name, share in zip(CHANNELS, negative, strict=True)
+            if share > MOST_NEGATIVE
         ],
         "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
         "n_observations": len(observations),
@@ -197,7 +199,9 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
             (lost, "lost in noise", "refine", "draws them to the mean", True),
         ):
             if share > _MANY:
-                word = f"method.{option}=true" if hasattr(options, option) else "method=sucre_plus"
+                word = (
+                    f"method.{option}=true" if hasattr(options, option) else "method=sucre_plus"
+                )
                 remedy = (
                     f"; {word} {effect}"
                     if helps and getattr(options, option, False) is not True
@@ -224,7 +228,9 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
     if not n_repeated:
         return {"observations": 0}
     n_alone = len(observations.pixels) - n_repeated
-    wanted = min(n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone))))
+    wanted = min(
+        n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone)))
+    )
     places = np.sort(np.random.default_rng(0).choice(n_repeated, wanted, replace=False))
     few, colours = observations.take(places), J[:, places].astype(np.float64)
     raw, h, information, fit = residuals_of(few, colours, water)
@@ -257,12 +263,15 @@ def _density(fit: Array, r: Array) -> dict[str, Any]:
     low, high = np.quantile(fit, (0.001, 0.999))
     fits = np.linspace(low, max(high, low + 1e-3), _FITS + 1)
     reach = _REACH * max(float(r.std()), 1e-4)
-    counts, _, _ = np.histogram2d(fit, r, bins=(fits, np.linspace(-reach, reach, _RESIDUALS + 1)))
+    counts, _, _ = np.histogram2d(
+        fit, r, bins=(fits, np.linspace(-reach, reach, _RESIDUALS + 1))
+    )
     bins = np.digitize(fit, fits) - 1
     inside = [r[bins == k] for k in range(_FITS)]
     nothing = np.full(3, np.nan)
     quantiles = [
-        np.quantile(one, (0.159, 0.5, 0.841)) if len(one) >= _ENOUGH else nothing for one in inside
+        np.quantile(one, (0.159, 0.5, 0.841)) if len(one) >= _ENOUGH else nothing
+        for one in inside
     ]
     ranges = {"fit": _short(fits[[0, -1]]), "residual": _short(np.array([-reach, reach]))}
     lines = dict(zip(("low", "median", "high"), _short(np.transpose(quantiles)), strict=True))

@@ -183,7 +183,9 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
 
 def _trust(observations: Observations, solution: Solution) -> Array:
     return (
-        np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
+        np.ones(len(observations), dtype=np.float32)
+        if solution.trust is None
+        else solution.trust
     )
 
 
@@ -293,9 +295,9 @@ class ImagePrior:
             float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST_VARIANCE
         )
         weight = 1 / (v + (self.spread * bright) ** 2)
-        w = (bright * J * weight).sum(axis=1).clip(min=0) / (bright**2 * weight).sum(axis=1).clip(
-            min=_LEAST_SUM
-        )
+        w = (bright * J * weight).sum(axis=1).clip(min=0) / (bright**2 * weight).sum(
+            axis=1
+        ).clip(min=_LEAST_SUM)
         w = w / w.mean() if w.any() else self.w  # a black image has no mean colour
         return ImagePrior(w, mean, variance, self.spread)
 

@@ -114,7 +114,8 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
         variance = np.maximum(box_sum(e * e, _WINDOW // 2) / n - mean**2, _LEAST_SQUARE)
         mean *= np.maximum(0, 1 - _CHANCE * variance / (n * np.maximum(mean**2, _LEAST_SQUARE)))
         whole = (
-            np.where(there[..., None], A, box_sum(A, _WINDOW // 2) / n) * _field(there)[..., None]
+            np.where(there[..., None], A, box_sum(A, _WINDOW // 2) / n)
+            * _field(there)[..., None]
         )
         for total, added in (
             (Am, A * mean),
@@ -201,7 +202,9 @@ def corrected_edges(
     share = np.where(known, np.clip((chi - _DOUBT) / (_SURE - _DOUBT), 0, 1), 0)[..., None]
     if is_wrong is not None:
         spots = share[..., 0] > 0
-        _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
+        _, spot, sizes, _ = cv2.connectedComponentsWithStats(
+            spots.astype(np.uint8), connectivity=8
+        )
         share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= half**2) & is_wrong] = 0
     # deviations may be infinite
     rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)
@@ -221,7 +224,10 @@ def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
     assert observations.view is not None, "observe with views"
     place = observations.place
     is_own = observations.view == observations.views.index(target)
-    others, own = np.bincount(place[~is_own], v[~is_own], len(observations.pixels)), place[is_own]
+    others, own = (
+        np.bincount(place[~is_own], v[~is_own], len(observations.pixels)),
+        place[is_own],
+    )
     wrong = np.zeros(observations.shape, dtype=bool)
     wrong.ravel()[observations.pixels[own[(v[is_own] < WRONG) & (others[own] > _AGREE)]]] = True
     return wrong
@@ -235,7 +241,9 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     z, squares = distance.ravel()[few], (e.reshape(-1, 3)[few] * a.reshape(-1, 3)[few]) ** 2
     classes = [part for part in np.array_split(np.arange(len(z)), _CLASSES) if len(part)]
     middle = [z[part].mean() for part in classes]
-    typical = np.sqrt([np.median(squares[part], axis=0) / _MEDIAN_OF_SQUARE for part in classes])
+    typical = np.sqrt(
+        [np.median(squares[part], axis=0) / _MEDIAN_OF_SQUARE for part in classes]
+    )
     if not classes:
         return np.ones_like(a)
     fine = np.linspace(middle[0], middle[-1], _FINE)  # a table: distances are many
@@ -261,7 +269,11 @@ def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | 
         if options.robust:
             # colours that no surface has are unknown: none at all, or for the prior to guess
             is_speck = specks_of(solution.J, solution.deviation, linear=linear)
-            J = solution.J if options.refine else np.where(is_speck, np.float32(np.nan), solution.J)
+            J = (
+                solution.J
+                if options.refine
+                else np.where(is_speck, np.float32(np.nan), solution.J)
+            )
             unknown = np.float32(np.inf if options.refine else np.nan)
             solution = replace(
                 solution, J=J, deviation=np.where(is_speck, unknown, solution.deviation)
@@ -284,10 +296,15 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
     def by_pixel(image: Array) -> Array:
         return image.reshape(-1, 3)[observations.pixels].T
 
-    J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
+    J, deviation = (
+        evened(observations, solution.J, solution.water, view.name),
+        solution.deviation,
+    )
     if seen.options.robust is not True:
         images = observations.image(J), observations.image(deviation)
-        images = corrected_edges(seen.intensities, view.distance, *images, solution.water, is_wrong)
+        images = corrected_edges(
+            seen.intensities, view.distance, *images, solution.water, is_wrong
+        )
         J, deviation = map(by_pixel, images)
     J, deviation = map(by_pixel, followed(observations.image(J), observations.image(deviation)))
     return replace(solution, J=J, deviation=deviation)

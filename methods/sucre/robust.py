@@ -26,7 +26,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.model import LEAST, WaterParameters, eliminated, transmission, veil
+from sucre_bench.methods.sucre.model import (
+    LEAST,
+    WaterParameters,
+    eliminated,
+    transmission,
+    veil,
+)
 from sucre_bench.methods.sucre.passes import Block, blocks, fill
 from sucre_bench.multiview.observations import Observations
 
@@ -101,7 +107,9 @@ def contradicted_views(observations: Observations, v: Array) -> list[str]:
 
 def _effect(water: WaterParameters, z: Array) -> Array:
     """Return a and b at distances z: (2, Z, 3)."""
-    return np.stack([transmission(z[:, None], water.beta), veil(z[:, None], water.B, water.gamma)])
+    return np.stack(
+        [transmission(z[:, None], water.beta), veil(z[:, None], water.B, water.gamma)]
+    )
 
 
 def robust_noise(observations: Observations, water: WaterParameters) -> Array:
@@ -118,11 +126,15 @@ def robust_noise(observations: Observations, water: WaterParameters) -> Array:
     for _ in range(3):  # the weights of the residuals depend on it
         parts = [_settled(sample, block, water, noise) for block in blocks(sample, _ELEMENTS)]
         t = np.concatenate([t[:, v > 0] for v, t in parts], axis=1)  # (3, N)
-        noise = np.maximum(noise * np.median(np.abs(t), axis=1) / _MEDIAN_OF_NORMAL, LEAST_NOISE)
+        noise = np.maximum(
+            noise * np.median(np.abs(t), axis=1) / _MEDIAN_OF_NORMAL, LEAST_NOISE
+        )
     return noise
 
 
-def trust(observations: Observations, water: WaterParameters, noise: Array | None = None) -> Array:
+def trust(
+    observations: Observations, water: WaterParameters, noise: Array | None = None
+) -> Array:
     """Return the robust weight (N,) float32, 0 to 1, of observations in a water: how well each fits; 1 if seen once.
 
     noise: (3,) standard deviation of an observation of weight 1, in intensity; default `robust_noise`.
@@ -147,7 +159,9 @@ def trusted(observations: Observations, v: Array) -> Observations:
     )
 
 
-def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
+def reweighted(
+    observations: Observations, water: WaterParameters, noise: Array
+) -> Observations:
     """Return the observations with each weight lowered by how badly it fits the water; noise: as in `trust`."""
     return trusted(observations, trust(observations, water, noise))
 

@@ -12,7 +12,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
-from sucre_bench.methods.sucre.uncertainty import WaterUncertainty, for_known_water, uncertainty_of
+from sucre_bench.methods.sucre.uncertainty import (
+    WaterUncertainty,
+    for_known_water,
+    uncertainty_of,
+)
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
@@ -130,7 +134,9 @@ def coloured(
     growth = None
     if uncertainty.alike is not None:
         _, wide = kernel.colours(water, uncertainty.noise, uncertainty.alike)
-        growth = np.divide(wide, deviation, out=np.ones_like(wide), where=deviation > 0).clip(min=1)
+        growth = np.divide(wide, deviation, out=np.ones_like(wide), where=deviation > 0).clip(
+            min=1
+        )
     return Solution(
         J, deviation, water, kernel.system(water).cost, uncertainty, course, growth=growth
     )

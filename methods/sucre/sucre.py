@@ -108,9 +108,12 @@ class Sucre(FillOption):
         camera = centred_camera(n, n, n)
         grey = np.full((n, n, 3), 128 / 255)
         one, same = (
-            View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same")
+            View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4))
+            for name in ("one", "same")
         )
-        seen = Observed.of(self, Scene("warm up", [one, same], frozenset({"depth", "poses"})), one)
+        seen = Observed.of(
+            self, Scene("warm up", [one, same], frozenset({"depth", "poses"})), one
+        )
         observations = seen.observations
         seen.matched_at(observations.pixels)
         water = WaterParameters.of_channels(np.full((3, 3), 0.1))
@@ -162,7 +165,9 @@ class Sucre(FillOption):
                 solution = replace(solution, J=J, deviation=deviation)
             stages["solve"] = time.perf_counter() - started
             restored = restoration(seen.observations, solution, stages, self, seen.encoding)
-            return fill_pixels_without_depth(restored, seen.view, prior) if self.fill else restored
+            return (
+                fill_pixels_without_depth(restored, seen.view, prior) if self.fill else restored
+            )
 
     def observe(
         self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False
@@ -219,13 +224,17 @@ def check(options: Any, method: str) -> None:
     check_source(options.water)
     for name in ("footprint", "physical", "robust"):
         if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
-            raise InputError(f"{method}.{name}: '{value}' is not a choice; use true, false or auto")
+            raise InputError(
+                f"{method}.{name}: '{value}' is not a choice; use true, false or auto"
+            )
     parts = parts_of(options.light, f"{method}.light")
     found_with_own = (
         "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
     )
     if options.water not in ("own", "shared") and found_with_own:
-        raise InputError(f"{method}.{found_with_own}: is found with the water; leave out {water}")
+        raise InputError(
+            f"{method}.{found_with_own}: is found with the water; leave out {water}"
+        )
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"

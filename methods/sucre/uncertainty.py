@@ -70,7 +70,9 @@ def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncer
     """Rescale covariance and errors to a given noise (3,): with robust weights the cost underestimates it."""
     ratio = np.divide(noise, uncertainty.noise, out=np.ones(3), where=uncertainty.noise > 0)
     covariance = uncertainty.covariance * ratio[:, None, None] ** 2
-    error = WaterParameters.of_channels(uncertainty.standard_error.by_channel() * ratio[:, None])
+    error = WaterParameters.of_channels(
+        uncertainty.standard_error.by_channel() * ratio[:, None]
+    )
     return replace(uncertainty, noise=noise, covariance=covariance, standard_error=error)
 
 
@@ -111,7 +113,10 @@ def clustered(
     far = float(np.quantile(observations.distance, 0.95))
     limits = (*uncertainty.limits, *filter(None, loose), *far_colours(error[:, 1] * far))
     return replace(
-        uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike
+        uncertainty,
+        standard_error=WaterParameters.of_channels(error),
+        limits=limits,
+        alike=alike,
     )
 
 
@@ -129,7 +134,9 @@ def far_colours(wrong: Array) -> list[str]:
     )
 
 
-def _cluster_sums(observations: Observations, water: WaterParameters) -> tuple[Array, list[Array]]:
+def _cluster_sums(
+    observations: Observations, water: WaterParameters
+) -> tuple[Array, list[Array]]:
     """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
     (height, width), view, down = (
         observations.shape,
@@ -145,7 +152,10 @@ def _cluster_sums(observations: Observations, water: WaterParameters) -> tuple[A
     rows = tuple(column[..., None] for column in water.columns())
     for block in blocks(observations, _PLACES, stop=observations.n_repeated):
         columns = Eliminated.of(*fill(observations, block, np.float64), rows).columns
-        D, scores = columns[:, :3], (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
+        D, scores = (
+            columns[:, :3],
+            (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1),
+        )
         H += np.einsum("cikn,cjkn->cij", D, D)
         sums[0] += _summed(
             scores.sum(axis=1), tile[block.start : block.start + block.n], sums[0].shape[1]
@@ -165,7 +175,9 @@ def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
     """Return the uncertainty when the water is known from elsewhere: colours have noise, the water has no error."""
     kept = (_TOO_FEW,) if np.isnan(uncertainty.noise).any() else ()
     error = WaterParameters.of_channels(np.full((3, 3), np.nan))
-    return replace(uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=error, limits=kept)
+    return replace(
+        uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=error, limits=kept
+    )
 
 
 def uncertainty_of(
@@ -241,7 +253,9 @@ def _limits(
 def roughly_known(water: Array, error: Array) -> list[str]:
     """Return the channels with a parameter (3, 3) whose standard error (3, 3) is large."""
     is_loose = _are_loose(water, error)
-    return [name for name, of_channel in zip(CHANNELS, is_loose, strict=True) if of_channel.any()]
+    return [
+        name for name, of_channel in zip(CHANNELS, is_loose, strict=True) if of_channel.any()
+    ]
 
 
 def _are_loose(water: Array, error: Array) -> Mask:

@@ -83,7 +83,9 @@ def uicm(shown: AnyArray, form: Colourfulness = Colourfulness()) -> float:
             return float("nan")
         mean = scale * x.mean(low, end)
         squares = (
-            scale * x.mean_square(mean, low, end) if form.trimmed_variance else x.mean_square(mean)
+            scale * x.mean_square(mean, low, end)
+            if form.trimmed_variance
+            else x.mean_square(mean)
         )
         moments.append((mean, squares))
     (mean_RG, var_RG), (mean_YB, var_YB) = moments
@@ -178,8 +180,12 @@ _FORMS = {
     ),
     "block8": _block(8, _Form(""), "blocks of 8x8 pixels"),
     "block5": _block(5, _Form(""), "blocks of 5x5 pixels"),
-    "no-plip": _Form("ordinary arithmetic in UIConM", contrast=Contrast(plip=False, total="mean")),
-    "plus-one": _Form("blocks with a 0 count as ln(max / 1) in UISM", sharp=Sharpness(zero="one")),
+    "no-plip": _Form(
+        "ordinary arithmetic in UIConM", contrast=Contrast(plip=False, total="mean")
+    ),
+    "plus-one": _Form(
+        "blocks with a 0 count as ln(max / 1) in UISM", sharp=Sharpness(zero="one")
+    ),
     "wraparound": _Form(
         "R - G and R + G modulo 256, as unsigned bytes do", Colourfulness(wraparound=True)
     ),
@@ -284,7 +290,9 @@ class Uicm:
         yield _score(shown, uicm(shown, _FORMS[variant].colour), eight_bit(shown).valid)
 
 
-@metric(role="diagnosis", range=(0, np.inf), variants=_distinct(lambda form: form.sharp), **_ABOUT)
+@metric(
+    role="diagnosis", range=(0, np.inf), variants=_distinct(lambda form: form.sharp), **_ABOUT
+)
 @dataclass(frozen=True)
 class Uism:
     """The sharpness in `uiqm`."""

@@ -39,7 +39,10 @@ if TYPE_CHECKING:
     help="Show only this column; may be repeated.",
 )
 @shared.option(
-    "--baseline", default="", metavar="METHOD", help="Show how the others differ from this method."
+    "--baseline",
+    default="",
+    metavar="METHOD",
+    help="Show how the others differ from this method.",
 )
 @shared.option(
     "--fail-below",

@@ -21,7 +21,15 @@ if TYPE_CHECKING:
 
 _ROWS = 30  # of the table of views
 _WIDEST = 10_000  # characters
-_HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
+_HEADS = (
+    "depth",
+    "{unit} (1, 50, 99 %)",
+    "overlap",
+    "views",
+    "disagrees",
+    "mean R G B",
+    "charts",
+)
 
 
 @click.command()
@@ -85,7 +93,9 @@ def describe(
         if chosen != [whole] or whole > most:
             remedy = f"choose one scene, all its views, and --most {whole}"
             raise InputError(
-                f"takes one whole scene, and {sum(chosen)} views are chosen", "--write-set", remedy
+                f"takes one whole scene, and {sum(chosen)} views are chosen",
+                "--write-set",
+                remedy,
             )
     with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
@@ -194,7 +204,9 @@ def _facts(one: Described) -> dict[str, str]:
 
 @click.command()
 @shared.words_argument("words", "VIEW... [KEY=VALUE]...", completion.complete_words)
-@shared.option("--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
+@shared.option(
+    "--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark."
+)
 @shared.flag("--accept", help="Open no page; accept all proposals whose patches are in order.")
 @shared.flag("--no-browser", help="Print the address of the page; do not open a browser.")
 @shared.option(
@@ -203,7 +215,9 @@ def _facts(one: Described) -> dict[str, str]:
     default=0,
     help="Port of the page; 0 (default): any free port.",
 )
-def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
+def charts(
+    words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int
+) -> None:
     """Mark colour charts: click their four corners on a page in your browser.
 
     \b

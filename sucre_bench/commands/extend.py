@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 @click.command("list")
 @click.argument(
     "what",
-    type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations", "sets"]),
+    type=click.Choice(
+        ["methods", "datasets", "metrics", "experiments", "degradations", "sets"]
+    ),
 )
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @shared.json_option
@@ -79,7 +81,9 @@ def _known(what: str) -> dict[str, dict[str, Any]]:
         return {name: one.as_object() for name, one in named_sets().items()}
     kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
     presets = preset_entries(GROUPS[kind] if kind else what[:-1])
-    known = {name: entry(plugin) for name, plugin in plugins.discover(kind).items()} if kind else {}
+    known = (
+        {name: entry(plugin) for name, plugin in plugins.discover(kind).items()} if kind else {}
+    )
     for preset in presets:
         known.setdefault(str(preset["name"]), preset)
     return known
@@ -128,7 +132,9 @@ def _entry(what: str, about: Mapping[str, Any]) -> Iterator[str]:
     yield from _wrapped("", about.get("description", ""))
     if "better" in about:
         direction = "describes" if about["better"] == "none" else f"{about['better']} is better"
-        yield from _wrapped("", f"{direction}, in {about['unit']}" if about["unit"] else direction)
+        yield from _wrapped(
+            "", f"{direction}, in {about['unit']}" if about["unit"] else direction
+        )
     for key, title in _SHOWN.items():
         value = about.get(key, "")
         if isinstance(value, dict):
@@ -153,7 +159,9 @@ def _option_lines(name: str, about: Mapping[str, Any]) -> list[str]:
 
 def _wrapped(head: str, text: str) -> list[str]:
     width = max(60, shutil.get_terminal_size().columns)
-    return textwrap.wrap(head + text, width, initial_indent="    ", subsequent_indent="        ")
+    return textwrap.wrap(
+        head + text, width, initial_indent="    ", subsequent_indent="        "
+    )
 
 
 @click.command()

@@ -33,7 +33,10 @@ def report(folder: Path) -> None:
 @click.command()
 @shared.argument("folder")
 @shared.option(
-    "--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER]."
+    "--uri",
+    default="",
+    metavar="URI",
+    help="mlflow's tracking URI [default: a store in FOLDER].",
 )
 @shared.option(
     "--experiment", default="", help="Name of the experiment in mlflow [default: sucre_bench]."

@@ -153,7 +153,9 @@ def prepare(
     click.echo(
         f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth"
     )
-    off = sorted((q.depth_error, q.name) for q in done.qualities if q.depth_error == q.depth_error)
+    off = sorted(
+        (q.depth_error, q.name) for q in done.qualities if q.depth_error == q.depth_error
+    )
     if off:
         median, (worst, name) = off[len(off) // 2][0], off[-1]
         at_worst = f"{100 * worst:.2f} % in {name} at worst"
@@ -162,6 +164,10 @@ def prepare(
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     restored = out.with_name(f"{out.name}-restored")
-    click.echo(f"pictures sucre-bench restore {shlex.quote(str(out))} {shlex.quote(str(restored))}")
+    click.echo(
+        f"pictures sucre-bench restore {shlex.quote(str(out))} {shlex.quote(str(restored))}"
+    )
     root = shlex.quote(f"dataset.root={quoted(str(out))}")
-    click.echo(f"compare  sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true")
+    click.echo(
+        f"compare  sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true"
+    )

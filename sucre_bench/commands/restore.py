@@ -88,7 +88,9 @@ def restore(
     inputs = [source, *([photos] if photos else [])]
     check_working_folder(out, "work/restore.json", inputs)
     if any(folder.resolve() in out.resolve().parents for folder in inputs):
-        raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
+        raise InputError(
+            "lies in the folder of the photographs", out, "name a folder elsewhere"
+        )
     options = pipeline.Options(
         method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method)
     )
@@ -123,9 +125,7 @@ def restore(
             trust += f"; {sum(measured) / together:.0%} of the pixels {guesses}"
         alone = len(done.names) - together - done.n_instead
         if alone:
-            trust += (
-                f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
-            )
+            trust += f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
         trust += "."
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(
@@ -138,7 +138,9 @@ def _lines(assessed: Sequence[Assessed]) -> Iterator[str]:
     """Yield a line a picture; of many pictures, those that are not good."""
     from sucre_bench.programs.restore.trust import Trust
 
-    shown = [one for one in assessed if one.trust is not Trust.GOOD or len(assessed) <= _MOST_LINES]
+    shown = [
+        one for one in assessed if one.trust is not Trust.GOOD or len(assessed) <= _MOST_LINES
+    ]
     for one in shown[:_MOST_LINES]:
         why = f": {'; '.join(one.reasons)}" if one.reasons else ""
         yield f"{one.trust.value:10s}  {one.name}{why}"

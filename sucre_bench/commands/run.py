@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@shared.words_argument("overrides", "[EXPERIMENT.yaml] [KEY=VALUE]...", completion.complete_words)
+@shared.words_argument(
+    "overrides", "[EXPERIMENT.yaml] [KEY=VALUE]...", completion.complete_words
+)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
 @shared.path_option(
@@ -44,7 +46,10 @@ if TYPE_CHECKING:
     help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both.",
 )
 @shared.option(
-    "--package", "-p", default="", help="Print this part of the configuration, for example method."
+    "--package",
+    "-p",
+    default="",
+    help="Print this part of the configuration, for example method.",
 )
 @shared.flag("--resolve", help="Print the configuration with each ${...} filled in.")
 @shared.option(
@@ -145,7 +150,9 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
 
         with printed:
             found = forecast(overrides, multirun)
-        shared.print_json([asdict(one) for one in found]) if as_json else run_forecast.show(found)
+        shared.print_json([asdict(one) for one in found]) if as_json else run_forecast.show(
+            found
+        )
         return
     from sucre_bench.commands import run_summary
     from sucre_bench.engine.hydra_run import run_words
@@ -241,7 +248,9 @@ def _show(
         whole = app.get_sanitized_cfg(config, kind)
         shown: Any = OmegaConf.select(whole, package) if package else whole
         if shown is None:
-            raise InputError(f"no part is called '{package}'", "--package", "--cfg shows the parts")
+            raise InputError(
+                f"no part is called '{package}'", "--package", "--cfg shows the parts"
+            )
         text = (
             OmegaConf.to_yaml(shown, resolve=resolve)
             if OmegaConf.is_config(shown)

@@ -139,7 +139,9 @@ def _named_metrics(job: Job) -> Sequence[str]:
     if configs.metrics_of_every_run() <= {metric.plugin.name for metric in job.metrics}:
         return ()
     return [
-        f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants
+        f"{metric.plugin.name}:{variant}"
+        for metric in job.metrics
+        for variant in metric.variants
     ]
 
 

@@ -97,12 +97,16 @@ def score(
         found: list[FolderScores] = []
 
         def score_rows(names: Sequence[str]) -> pd.DataFrame:
-            found.append(score_folder.score_folder(images, reference, names, is_known=bool(found)))
+            found.append(
+                score_folder.score_folder(images, reference, names, is_known=bool(found))
+            )
             return found[-1].rows
 
         searched = None if metrics else published
         rows = (
-            match_published.search(searched, sizes, score_rows) if searched else score_rows(names)
+            match_published.search(searched, sizes, score_rows)
+            if searched
+            else score_rows(names)
         )
     scored = replace(found[0], rows=rows)
     for line in (*(found.sentence() for found in scored.sets), *scored.shared):
@@ -149,7 +153,9 @@ def _summary(rows: pd.DataFrame) -> Table:
     from sucre_bench.compare.statistics import standard_deviation
     from sucre_bench.compare.words import ARROW, number
 
-    table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
+    table = terminal.table(
+        ["metric", "variant"], ["mean", "std", "lowest", "highest", "images"]
+    )
     ok = rows[rows["status"] == "ok"]
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         values = scores["value"]

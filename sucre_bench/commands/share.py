@@ -40,7 +40,9 @@ _MOST = 20  # scores that are listed
 @shared.option(
     "--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".'
 )
-@shared.flag("--code", help="Put the files of --plugin in, so that others can run experiment.yaml.")
+@shared.flag(
+    "--code", help="Put the files of --plugin in, so that others can run experiment.yaml."
+)
 @shared.plugin_option
 @shared.force_option
 def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: bool) -> None:
@@ -68,12 +70,17 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     click.echo(f"scores   {made.n_scores}, and seconds and memory")
     click.echo(f"files    {made.n_inside} files inside, {made.n_outside} outside by their hash")
     if pictures == "none":
-        say("verify can compute no score again: --pictures restored puts the pictures in", "yellow")
+        say(
+            "verify can compute no score again: --pictures restored puts the pictures in",
+            "yellow",
+        )
     if made.unverifiable:
         told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
         say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")
     if made.local_paths:
-        say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")
+        say(
+            f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow"
+        )
 
 
 def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
@@ -119,7 +126,9 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
         say(str(fault) if isinstance(fault, InputError) else reason, "yellow")
         files = {}
     if files:
-        text = re.sub(r"^plugins: .*$", f"plugins: [{', '.join(files)}]", text, flags=re.MULTILINE)
+        text = re.sub(
+            r"^plugins: .*$", f"plugins: [{', '.join(files)}]", text, flags=re.MULTILINE
+        )
     elif given:
         code = "--plugin FILE --code puts that code into the bundle"
         say(f"note: experiment.yaml needs {', '.join(given)}; {code}", "yellow")
@@ -132,10 +141,17 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
 @click.command()
 @shared.argument("file", metavar="FILE.zip")
 @shared.option(
-    "--data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated."
+    "--data",
+    multiple=True,
+    metavar="[DATASET=]DIR",
+    help="Folder of the data; may be repeated.",
 )
 @shared.option(
-    "--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle."
+    "--id",
+    "wanted",
+    default="",
+    metavar="ID",
+    help="The id that was published with the bundle.",
 )
 @shared.option(
     "--tolerance",
@@ -145,7 +161,9 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
 )
 @shared.json_option
 @shared.plugin_option
-def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool) -> None:
+def verify(
+    file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool
+) -> None:
     """Check a bundle: verify its hashes and its data, and compute its scores again.
 
     \b
@@ -231,7 +249,10 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
         where = f"{one.dataset} / {one.method} / {one.view} / {one.metric} ({one.variant})"
         region = "" if one.region == "image" else f" {one.region}"
         region += " on common pixels" if one.pixels == "common" else ""
-        say(f"differs  {where}{region}: {one.stored:.6g}, computed again {one.computed:.6g}", "red")
+        say(
+            f"differs  {where}{region}: {one.stored:.6g}, computed again {one.computed:.6g}",
+            "red",
+        )
     more = len(found.faults[_MOST:]) + len(found.differing[_MOST:])
     if more:
         say(f"         and {more} more; --json lists all", "red")

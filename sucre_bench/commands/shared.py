@@ -23,7 +23,9 @@ _MOST_SCENES = 3  # of which is said what their views show
 
 
 class _Path(click.Path):
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
         if value == "":  # else a variable that is not set would be the current folder
             self.fail("is empty", param, ctx)
         return super().convert(value, param, ctx)
@@ -69,7 +71,9 @@ def print_json(value: Any) -> None:
 
 
 def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[str]) -> None:
-    if files and not context.resilient_parsing:  # a shell that completes words asks for no plugin
+    if (
+        files and not context.resilient_parsing
+    ):  # a shell that completes words asks for no plugin
         from sucre_bench import plugins
 
         for file in files:
@@ -94,7 +98,10 @@ plugin_files_option = option("--plugin", "plugin_files", **_PLUGIN)
 plugin_option = option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)
 # The choice of one dataset in a results folder.
 dataset_option = option(
-    "--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets."
+    "--dataset",
+    default="",
+    metavar="LABEL",
+    help="Needed if the results have several datasets.",
 )
 
 
@@ -155,7 +162,10 @@ def floor_of_psi(planned: Sequence[Planned]) -> str:
         for task in plan.tasks
     )
     kinds = {
-        chart.kind for task in tasks if task.view.encoding == "linear" for chart in task.view.charts
+        chart.kind
+        for task in tasks
+        if task.view.encoding == "linear"
+        for chart in task.view.charts
     }
     if all(
         Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace")

@@ -29,7 +29,9 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @shared.dataset_option
 @shared.option("--question", default="", metavar="TEXT", help="The question on the page.")
 @shared.option("--pairs", default=20, of=click.IntRange(2, 500), help="Pairs in one sitting.")
-@shared.option("--views", default=12, of=click.IntRange(1, 200), help="Most views, evenly spread.")
+@shared.option(
+    "--views", default=12, of=click.IntRange(1, 200), help="Most views, evenly spread."
+)
 @shared.option(
     "--width",
     default=1200,
@@ -90,7 +92,9 @@ def study(
             design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
         )
         with progress.live():
-            design.write_page(out, folder, key, question or design.QUESTION, pairs, width, parts)
+            design.write_page(
+                out, folder, key, question or design.QUESTION, pairs, width, parts
+            )
         path = design.write_key(folder, key)
         n_views = len(key.pictures) // len(key.methods)
         click.echo(
@@ -133,7 +137,9 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
     preferences = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
     for n in (-people.scores).argsort(kind="stable"):  # the preferred one first
-        interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
+        interval = (
+            "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
+        )
         preferences.add_row(
             numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %"
         )
@@ -149,7 +155,11 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         )
         predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
         metrics.add_row(
-            f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n)
+            f"{metric} ({variant})",
+            number(agreement.tau),
+            interval,
+            predicted,
+            str(agreement.n),
         )
     for table, lines in ((preferences, _sentences(found)), (metrics, _TAU)):
         if table.row_count:
@@ -183,10 +193,14 @@ def _sentences(found: Evaluated) -> list[str]:
     lines = [f"{first} and {second} are equal"]
     if people.want:
         lead = f"{first} got more votes than {second}" if gap else lines[0]
-        lines = [f"{lead}; no interval, so nobody can say whether more than chance: {people.want}"]
+        lines = [
+            f"{lead}; no interval, so nobody can say whether more than chance: {people.want}"
+        ]
     else:
         verb, chance = (
-            ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
+            ("is ahead of", "which may be chance")
+            if low <= 0
+            else ("leads", "more than chance")
         )
         interval = f"{number(gap)} [{number(low)}, {number(high)}]"
         equal = f"{lines[0]}; the difference is at most {number(high)}"
@@ -194,7 +208,9 @@ def _sentences(found: Evaluated) -> list[str]:
         lines.append("intervals: over observers, for people like them")
     agree = "unknown, no pair was judged by several with different answers"
     if not math.isnan(found.observers.alpha):
-        alpha = f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
+        alpha = (
+            f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
+        )
         agree = f"{alpha} (1: full, 0: as by tossing coins)"
     lines.append(f"agreement of observers: {agree}")
     return [

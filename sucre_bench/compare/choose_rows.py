@@ -44,7 +44,15 @@ from sucre_bench.results.rows import (
 )
 from sucre_bench.results.table import is_bundle, is_fresh, read_both
 
-_NAMED = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
+_NAMED = [
+    "dataset",
+    "method",
+    "metric",
+    "variant",
+    "scene",
+    "view",
+    "region",
+]  # what names a score
 _SAME = 1e-6  # relative difference of one score on two machines
 
 
@@ -170,7 +178,9 @@ def without_replicates(rows: DataFrame) -> DataFrame:
 def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = rows.loc[rows["view"] == "", "method"]
-    per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]].drop_duplicates()
+    per_view = rows.loc[
+        ~rows["method"].isin(whole), ["method", "scene", "view"]
+    ].drop_duplicates()
     if (per_view.groupby(["scene", "view"]).size() == per_view["method"].nunique()).all():
         return
     per_view = without_replicates(per_view)
@@ -186,15 +196,21 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     plain = ran.groupby(level=["scene", "view"]).any()
     if not plain.all(axis=None):
         counts = _alike({str(name): tuple(plain.index[has]) for name, has in plain.items()})
-        words = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in counts.items())
+        words = ", ".join(
+            f"{names_of(names)} on {len(views)}" for views, names in counts.items()
+        )
         lacking = plain.columns[~plain.all()][0]
         scene, view = plain.index[~plain[lacking]][0]
-        example = f"{scene}/{view}" if plain.index.get_level_values("scene").nunique() > 1 else view
+        example = (
+            f"{scene}/{view}" if plain.index.get_level_values("scene").nunique() > 1 else view
+        )
         why = f"{words} ({lacking} not on {example}); run them on the same ones{share}"
         yield f"methods ran on different images: {why}"
         return
     scene, view, _ = ran.index[~ran.all(axis=1)][0]
-    replicates = {str(name): tuple(has.index[has]) for name, has in ran.loc[scene, view].items()}
+    replicates = {
+        str(name): tuple(has.index[has]) for name, has in ran.loc[scene, view].items()
+    }
     have = (
         f"{names_of(names)} {', '.join(map(str, numbers))}"
         for numbers, names in _alike(replicates).items()
@@ -272,7 +288,9 @@ def _normalisations(rows: DataFrame) -> Iterator[str]:
 def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
     """Return the options of each method of the rows, by its label: those of its last row."""
     last = rows[["method", "options"]].drop_duplicates("method", keep="last")
-    return {name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")}
+    return {
+        name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")
+    }
 
 
 def _alike(values: Mapping[Any, T]) -> dict[T, list[str]]:
@@ -398,7 +416,10 @@ def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
     said = tuples(common[common["metric"] == COMMON_PIXELS])
     told = {(about.dataset, about.scene, about.view): about for about in said}  # the last
     by_view = whole.groupby(_VIEW).agg(
-        low=("coverage", "min"), high=("coverage", "max"), by=("method", set), last=("time", "max")
+        low=("coverage", "min"),
+        high=("coverage", "max"),
+        by=("method", set),
+        last=("time", "max"),
     )
     states = []
     for view, low, high, methods, last in by_view.itertuples(name=None):
@@ -410,7 +431,9 @@ def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
         if about:
             kind = kind_of(about.status, about.code)
             if kind != "equal":
-                states.append((*view, kind, about.code, about.value, about.reason or NOT_SCORED))
+                states.append(
+                    (*view, kind, about.code, about.value, about.reason or NOT_SCORED)
+                )
         elif high - low > LEAST_DIFFERENCE:
             states.append((*view, "unknown", "", math.nan, NOT_SCORED))
     return pd.DataFrame(states, columns=[*_VIEW, "_kind", "_mask", "_share", "_why"])

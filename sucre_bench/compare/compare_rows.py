@@ -63,13 +63,17 @@ def compare(
     rows = rows.assign(_asked=asked_for(rows, metrics), _fresh=is_fresh(rows))
     known = {dataset: about(each) for dataset, each in rows.groupby("dataset")}
     rows = rows.drop(columns=_UNUSED, errors="ignore")
-    rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
+    rows = rows.sort_values(
+        "time", kind="stable"
+    )  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(
             f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}"
         )
-    older = dict.fromkeys(values_of(rows[~rows["_fresh"]], "dataset", "method", "scene", "view"))
+    older = dict.fromkeys(
+        values_of(rows[~rows["_fresh"]], "dataset", "method", "scene", "view")
+    )
     rows = rows[rows["_fresh"]].drop(columns=["data_id", "time", "_fresh"])
     newer = set(values_of(rows, "dataset", "method"))
     rows = without_replicates(rows)
@@ -108,7 +112,9 @@ def compare(
                 )
             scored = {name for one in table.columns for name in (one.metric, one.key)}
             noted += (
-                Note(f"{name} has no score") for name in metrics if scored and name not in scored
+                Note(f"{name} has no score")
+                for name in metrics
+                if scored and name not in scored
             )
             tables.append(replace(table, notes=(*table.notes, *noted)))
     filled = [table for table in tables if table.columns]
@@ -121,7 +127,9 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
     Nothing is resampled again: columns and intervals of means are those of `comparison`.
     """
     methods = tuple(
-        name for name in comparison.methods if name in methods or not methods or name == baseline
+        name
+        for name in comparison.methods
+        if name in methods or not methods or name == baseline
     )
     cells: dict[tuple[str, Column], Cell] = {}
     for column, measured in comparison.measured.items():
@@ -179,7 +187,9 @@ def _table(
     measured: dict[Column, ColumnScores] = {}
     for column, repeated, values in found:
         if column.n_units:
-            scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
+            scores = _scores(
+                column, values.dropna() if column.missing else values, known.is_track
+            )
             units = scores.independent
             if units and (units.alike > 0 or units.is_short_track):
                 column = replace(column, worth=units.worth)
@@ -224,7 +234,9 @@ def _table(
     return against(table, baseline) if baseline else table
 
 
-def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], list[_Measured]]:
+def _by_table(
+    rows: DataFrame, groups: list[str]
+) -> dict[tuple[Hashable, ...], list[_Measured]]:
     """Return the columns of each table with scores, in the order of rows, in one pass over all tables.
 
     groups: columns that tell tables apart. The scores are units x methods, sorted, with `REPETITION` in the index and
@@ -303,7 +315,9 @@ def _column(
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:
     """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
     per_view = (
-        complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
+        complete
+        if column.n_views == len(complete)
+        else complete.groupby(level=_UNIT[:2]).mean()
     )
     # neighbours of a track stand side by side
     names = [(scene, natural_order(view)) for scene, view, *_ in per_view.index]

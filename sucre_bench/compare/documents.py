@@ -148,10 +148,14 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
             f"{name_in(comparison, c)} {round(cell.wins, 1):g}/{c.n_views}"
             + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
             for c in comparison.columns
-            if c.ranked and (cell := comparison.cells.get((name, c))) and math.isfinite(cell.wins)
+            if c.ranked
+            and (cell := comparison.cells.get((name, c)))
+            and math.isfinite(cell.wins)
         ]
         if parts:
-            lines.append(f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}")
+            lines.append(
+                f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}"
+            )
     return lines + left_out(comparison)
 
 
@@ -254,10 +258,14 @@ def _tex(text: str) -> str:
     """Escape text for LaTeX. A letter that its fonts lack loses its accent, or becomes a question mark."""
 
     def escaped(sign: str) -> str:
-        if sign in _TEX or (ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1):
+        if sign in _TEX or (
+            ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1
+        ):
             return _TEX.get(sign, sign)
         plain = "".join(
-            part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part)
+            part
+            for part in unicodedata.normalize("NFKD", sign)
+            if not unicodedata.combining(part)
         )
         return plain if plain.isascii() and plain.isprintable() else "?"
 

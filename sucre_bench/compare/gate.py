@@ -125,7 +125,8 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
         )
         gains = (base - mine) * column.sign
         names = [
-            f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places
+            f"{scene} · {view}" if column.n_scenes > 1 else view
+            for scene, view in scores.places
         ]
         for n in np.argsort(gains, kind="stable")[:_WORST]:
             if gains[n] < 0:

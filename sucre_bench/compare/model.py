@@ -236,7 +236,9 @@ class Comparison:
     notes: tuple[Note, ...] = ()
     """The rows that are left out, and why."""
 
-    measured: Mapping[Column, ColumnScores] = field(default_factory=dict, repr=False, compare=False)
+    measured: Mapping[Column, ColumnScores] = field(
+        default_factory=dict, repr=False, compare=False
+    )
     """The numbers behind the cells, from which `against` makes differences to a baseline."""
 
     photographs: tuple[str, ...] = ()
@@ -258,13 +260,17 @@ class Comparison:
             measured={
                 column: self.measured[column] for column in self.measured if column in columns
             },
-            notes=tuple(replace(note, columns=of) for note, of in left if of or not note.columns),
+            notes=tuple(
+                replace(note, columns=of) for note, of in left if of or not note.columns
+            ),
         )
 
     def of(self, column: Column) -> dict[str, Cell]:
         """Return the cells of a column by method, in the table's order."""
         return {
-            name: self.cells[name, column] for name in self.methods if (name, column) in self.cells
+            name: self.cells[name, column]
+            for name in self.methods
+            if (name, column) in self.cells
         }
 
     @property

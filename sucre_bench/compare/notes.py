@@ -18,7 +18,13 @@ from sucre_bench.compare.words import listed, number
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, filled_restorations
 from sucre_bench.results.reasons import Reason, without_view
-from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
+from sucre_bench.results.rows import (
+    COSTS,
+    RESTORATION,
+    restoration_rows,
+    restorations,
+    values_of,
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,9 @@ class About:
 def about(rows: DataFrame) -> About:
     """Return what is known of the methods of a dataset beside their scores. rows: with `_fresh`, see `is_fresh`."""
     options = options_of(rows)
-    methods = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
+    methods = {
+        name: plugins.get("method", told.get("name", "")) for name, told in options.items()
+    }
     datasets = {told.get("dataset", {}).get("name", "") for told in options.values()}
     notes = [
         Note(f"{name} was trained on: {told['trained_on']}", "trained on")
@@ -80,7 +88,8 @@ def notes(
     why = _Why(rows, stale)
     ok = restoration_rows(rows[rows["status"] == "ok"])
     restored = {
-        name: {*values_of(each, "scene", "view")} for name, each in ok.groupby("method", sort=False)
+        name: {*values_of(each, "scene", "view")}
+        for name, each in ok.groupby("method", sort=False)
     }
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*restored.values())
@@ -135,7 +144,9 @@ class _Why:
             return "not scored"
         if (method, view) in self._stale:
             return "of other data"
-        return self._known.get((method, *whole, ("", "")), "not run")  # the job failed as a whole
+        return self._known.get(
+            (method, *whole, ("", "")), "not run"
+        )  # the job failed as a whole
 
 
 def _counted(reasons: Iterable[str]) -> str:
@@ -196,7 +207,11 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
     First those without a restoration, then those that only lack scores of some metrics.
     """
     whole = restoration_rows(rows[rows["view"] != ""])
-    ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
+    ok = (
+        (whole["status"] == "ok")
+        .groupby([whole[name] for name in (*REPETITION, "method")])
+        .any()
+    )
     unrestored = _partly_lost(ok.unstack("method", fill_value=False))
     yield from map(Note, _replicates(unrestored, ""))
     alike = defaultdict[str, list[Column]](list)
@@ -218,7 +233,9 @@ def _partly_lost(there: DataFrame) -> DataFrame:
 
 def _replicates(lost: DataFrame, of_metrics: str) -> Iterator[str]:
     for name, of_method in lost.loc[:, lost.any()].items():
-        images = counted(len(of_method.index[of_method].droplevel("_replicate").unique()), "image")
+        images = counted(
+            len(of_method.index[of_method].droplevel("_replicate").unique()), "image"
+        )
         yield (
             f"{name} lacks {of_method.sum()} of {len(of_method)} repetitions, of {images}{of_metrics}: "
             "scores are means of those that all have"
@@ -235,7 +252,10 @@ def filled_rows(rows: DataFrame) -> DataFrame:
     """
     asked = rows[rows["_asked"]]
     whole = restorations(rows)
-    if not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any() or not scores_of_pixels(asked).any():
+    if (
+        not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any()
+        or not scores_of_pixels(asked).any()
+    ):
         return whole.iloc[:0]
     if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
         return whole.iloc[:0]

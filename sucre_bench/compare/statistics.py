@@ -337,7 +337,9 @@ def leads(units: Units, best: int) -> Array:
     """
     rivals, gaps = _rivals(units, best)
     half = np.full(len(gaps), np.nan)
-    half[rivals] = [differences(units, [(best, m)])[0] for m in rivals]  # Student's, each by itself
+    half[rivals] = [
+        differences(units, [(best, m)])[0] for m in rivals
+    ]  # Student's, each by itself
     if all(gaps[m] > half[m] or gaps[m] == half[m] == 0 for m in rivals):
         return half
     return _in_steps(units, best, lambda left: list(combinations([best, *left], 2)))
@@ -477,7 +479,9 @@ def against(
             change = (0 - gap, 0 - high, 0 - low)
         wins = float((lead > 0).sum() + 0.5 * (lead == 0).sum())
         made.append(replace(cell, change=change, wins=wins, effect=_effect(lead)))
-    made[baseline] = replace(cells[baseline], change=NO_DIFFERENCE, wins=math.nan, effect=math.nan)
+    made[baseline] = replace(
+        cells[baseline], change=NO_DIFFERENCE, wins=math.nan, effect=math.nan
+    )
     return made
 
 

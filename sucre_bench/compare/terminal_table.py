@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.compare import words
 from sucre_bench.compare.model import Column, Comparison
-from sucre_bench.compare.words import Deciding, ShownColumn, answer, best_first, deciding, verdicts
+from sucre_bench.compare.words import (
+    Deciding,
+    ShownColumn,
+    answer,
+    best_first,
+    deciding,
+    verdicts,
+)
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -21,7 +28,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
-_SHORTEST_NAMES = 20  # characters that the names of methods have at least; longer ones are folded
+_SHORTEST_NAMES = (
+    20  # characters that the names of methods have at least; longer ones are folded
+)
 _MOST_BLOCKS = 3  # comparisons with a block of their own
 
 
@@ -44,7 +53,10 @@ def _texts(column: ShownColumn) -> list[Text]:
 
 
 def _tables(
-    methods: Sequence[str], columns: Sequence[ShownColumn], width: int, dim: Collection[str] = ()
+    methods: Sequence[str],
+    columns: Sequence[ShownColumn],
+    width: int,
+    dim: Collection[str] = (),
 ) -> list[Table]:
     """Tables of as many columns as fit beside each other. dim: methods whose names are set so."""
     from rich.table import Table
@@ -114,7 +126,9 @@ def as_table(
     return _joined(comparison.title, tables, dim, said, width, chosen.main)
 
 
-def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[Group]:
+def as_blocks(
+    comparisons: Sequence[Comparison], width: int, every: bool = False
+) -> list[Group]:
     """Return what rich prints for each comparison; one table for all those of many datasets with the same main score.
 
     every: all columns, not only those that decide; of many datasets a table a column.
@@ -151,7 +165,8 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
         head = f"{column.metric} {words.ARROW[column.better]}".rstrip()
         laid = words.shown_column(block, column, head, unit, intervals=False)
         cells = [
-            replace(cell, look="" if cell.look == "second" else cell.look) for cell in laid.cells
+            replace(cell, look="" if cell.look == "second" else cell.look)
+            for cell in laid.cells
         ]
         laid = replace(laid, cells=cells)
         if column not in chosen.scores and not column.is_share_filled:
@@ -171,7 +186,9 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
 
 def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
     """One score of every dataset that has it: a line a method, a column a dataset. key: of its column."""
-    found = [(one, column) for one in comparisons for column in one.columns if column.key == key]
+    found = [
+        (one, column) for one in comparisons for column in one.columns if column.key == key
+    ]
     comparisons, mains = [one for one, _ in found], [column for _, column in found]
     blind = [one for one in comparisons if not deciding(one).knows_colours]
     places = defaultdict[str, list[int]](list)
@@ -199,7 +216,9 @@ def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
     views = [column.n_views for column in mains]
     ends = dict.fromkeys([str(min(views)), str(max(views))])
     dim = [_signs(comparisons[0], laid_out, [f"means over {' to '.join(ends)} views"])]
-    kinds = [{note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons]
+    kinds = [
+        {note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons
+    ]
     for kind, where in (
         ("common pixels", "on the pixels that all methods fill"),
         ("own pixels", "on own pixels"),

@@ -69,7 +69,9 @@ def listed(names: Iterable[str]) -> str:
     """Return names as text, at most four and how many more there are."""
     names = list(names)
     more = len(names) - _MOST_NAMES
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
+    return (
+        ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
+    )
 
 
 # -- cells -------------------------------------------------------------------------------------------------
@@ -169,12 +171,16 @@ def over_views(columns: Sequence[Column]) -> list[str]:
     alike = defaultdict[str, list[str]](list)
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
-        charts = f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
+        charts = (
+            f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
+        )
         rough = ""
         if column.has_few_views:  # they do not show the distribution
             rough = ", no intervals" if column.n_views < 2 else ", intervals are rough"
         elif column.ranked and 0 < column.worth <= _ALIKE * column.n_views:
-            rough = f" (neighbours may be alike: worth {column.worth:.0f} independent ones or more)"
+            rough = (
+                f" (neighbours may be alike: worth {column.worth:.0f} independent ones or more)"
+            )
         over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
         alike[over].append(column.metric)
     return [
@@ -192,7 +198,9 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False)
     if looks & {"better", "worse"}:
         parts.append("green: better, red: worse" if colours else "bold: better")
     if any(cell.mark for cell in cells):
-        parts.append(f"≈: the difference from {comparison.baseline or 'the best'} may be chance")
+        parts.append(
+            f"≈: the difference from {comparison.baseline or 'the best'} may be chance"
+        )
     if any(cell.holes for cell in cells):
         parts.append("○n: lacks n that others have")
     photographs = comparison.photographs if comparison.restorers else ()
@@ -222,7 +230,9 @@ def resolution(comparison: Comparison) -> str:
             least.append(" ".join(filter(None, [" to ".join(ends), column.unit, "in", name])))
     said = []
     if undecided:
-        said.append(f"no method differs from the best by more than chance in {listed(undecided)}")
+        said.append(
+            f"no method differs from the best by more than chance in {listed(undecided)}"
+        )
     if least:
         said.append(f"more than chance are only differences above {listed(least)}")
     return "; ".join(said)
@@ -252,7 +262,9 @@ def legend(
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
     parts.append(resolution(comparison))
     if has_interval:
-        units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
+        units = (
+            "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
+        )
         parts.append(f"intervals: bootstrap over {units}")
         scored = {name for name, column in comparison.cells if column.ranked}
         n = len(scored.intersection(comparison.methods if baseline else comparison.restorers))
@@ -269,7 +281,9 @@ def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
     said = set[Note]()
     made = []
     for comparison in comparisons:
-        made.append(replace(comparison, notes=tuple(n for n in comparison.notes if n not in said)))
+        made.append(
+            replace(comparison, notes=tuple(n for n in comparison.notes if n not in said))
+        )
         said |= {note for note in comparison.notes if note.kind in ("by us", "trained on")}
     return made
 
@@ -290,9 +304,7 @@ def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
             if first and all(_means(one, method) == first for one in tables[1:]):
                 same.append(method)
         if same and len(tables) > 1:
-            what = (
-                f"in all {len(tables)} tables of {name}: what differs between these does not reach"
-            )
+            what = f"in all {len(tables)} tables of {name}: what differs between these does not reach"
             said.append(
                 f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
             )
@@ -337,7 +349,9 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     name = name_in(comparison, column)
     if column.plugin and column.knows == "evidence":
         pairs = 5 * (1 + column.plugin.agreement[column.variant])
-        name = f"By {name}, which agrees with true colours in {pairs:.0f} of 10 pairs of methods"
+        name = (
+            f"By {name}, which agrees with true colours in {pairs:.0f} of 10 pairs of methods"
+        )
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
@@ -352,7 +366,9 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     by = " ".join(filter(None, [number(verdict.difference), column.unit, ends]))
     if views < 2:
         return f"{name}: {lead} by {by}, on one view"
-    effect = f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
+    effect = (
+        f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
+    )
     chance = ""
     if verdict.undone_by:
         chance = f", but without {verdict.undone_by} it may be chance"
@@ -368,7 +384,9 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
 # -- the answer: which columns decide, and who leads by each ---------------------------------------------------
 
 _MOST = 4
-_MOST_BLIND = 2  # metrics that are evidence, and metrics that are taste, in a table without truth
+_MOST_BLIND = (
+    2  # metrics that are evidence, and metrics that are taste, in a table without truth
+)
 # Roles of scores that know the true colours, in the order in which metrics are taken and then shown.
 _TRUE_COLOURS: tuple[Role, ...] = (
     "colours",
@@ -410,7 +428,9 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
         # the default variant of each metric, or the first that was scored
         once: dict[str, Column] = {}
         for column in scores:
-            is_default = column.plugin is not None and column.variant == column.plugin.default[0]
+            is_default = (
+                column.plugin is not None and column.variant == column.plugin.default[0]
+            )
             if column.directed and (column.metric not in once or is_default):
                 once[column.metric] = column
         left = [*once.values()]
@@ -502,7 +522,13 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
             pair = (baseline, name)
             wins = column.n_views - cell.wins
         yield Verdict(
-            column, *pair, abs(change), interval, wins, abs(cell.effect), may_be_chance(cell.change)
+            column,
+            *pair,
+            abs(change),
+            interval,
+            wins,
+            abs(cell.effect),
+            may_be_chance(cell.change),
         )
 
 

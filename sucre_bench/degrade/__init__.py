@@ -62,7 +62,9 @@ def degraded(
     if target:
         return around(whole, whole[target], degradation)
     if degradation.chooses_views:
-        raise InputError("within and keep choose views around one", "degrade", "give target=NAME")
+        raise InputError(
+            "within and keep choose views around one", "degrade", "give target=NAME"
+        )
     return whole
 
 
@@ -90,7 +92,9 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
             camera = scaled_camera(camera, size, d.scale)
             charts = [scaled_chart(chart, size, camera.size) for chart in charts]
         elif d.scale != 1:  # the image's size is unknown: right to half a pixel
-            charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
+            charts = [
+                Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts
+            ]
         if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
             rng = generator(d.seed, scene.name, view.name, "pose")
             pose = noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
@@ -147,7 +151,9 @@ class _Degraded:
             camera = self.view.camera
             if depth is None or not (depth > 0).any():
                 raise InputError(
-                    "has no depth, which added water needs", self.view.name, "leave the view out"
+                    "has no depth, which added water needs",
+                    self.view.name,
+                    "leave the view out",
                 )
             if (d.water.encoding or self.view.encoding) != self.view.encoding:
                 fault = f"degrade.add_water has the encoding {d.water.encoding}, the view {self.view.encoding}"
@@ -266,7 +272,9 @@ def through_jpeg(image: Array, quality: int, encoding: Encoding) -> Array:
     import cv2
 
     picture = np.rint(converted(image, encoding, "gamma").clip(0, 1) * 255).astype(np.uint8)
-    written, file = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    written, file = cv2.imencode(
+        ".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality]
+    )
     assert written
     read = cv2.imdecode(file, cv2.IMREAD_COLOR)
     assert read is not None
@@ -291,7 +299,9 @@ def under_water(image: Array, z: Array, water: Water) -> Array:
         B, beta, gamma = (
             float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter)
         )
-        seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(0, 1)
+        seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(
+            0, 1
+        )
     return seen
 
 

@@ -169,7 +169,8 @@ class Degradation:
         """The given options, as rows store them; empty if nothing is degraded."""
         values = {name: getattr(self, name) for name in self._given()}
         return {
-            name: str(value) if isinstance(value, Path) else value for name, value in values.items()
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in values.items()
         }
 
     def needs(self) -> Iterator[tuple[str, str]]:
@@ -193,7 +194,9 @@ class Degradation:
         """Return what identifies the degraded data, without some options."""
         given = [name for name in self._given() if name not in without]
         active = [
-            name for name in given if name not in _OF or any(other in given for other in _OF[name])
+            name
+            for name in given
+            if name not in _OF or any(other in given for other in _OF[name])
         ]
         return tuple(
             (n, self._water_numbers() if n == "add_water" else float(getattr(self, n)))

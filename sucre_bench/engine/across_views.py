@@ -22,7 +22,13 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.engine.common_pixels import Source
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, stored_rows, tasks_by_scene
-from sucre_bench.engine.score import Scorer, row_of_fault, row_without_value, score_code, scorers
+from sucre_bench.engine.score import (
+    Scorer,
+    row_of_fault,
+    row_without_value,
+    score_code,
+    scorers,
+)
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now, short_hash
@@ -66,7 +72,8 @@ def _score_dataset(jobs: Sequence[Job], rows: DataFrame, part: Part) -> None:
     by_job = [tasks_by_scene(job.of_all_views(), scenes) for job in jobs]
     for name, every in by_job[0].items():
         found = [
-            _entrant(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)
+            _entrant(job, by_scene[name], rows)
+            for job, by_scene in zip(jobs, by_job, strict=True)
         ]
         entrants = [entrant for entrant in found if entrant]
         if not entrants:
@@ -88,7 +95,9 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
     of_job = rows[np.logical_and.reduce([rows[name] == getattr(base, name) for name in same])]
     wholes = restorations(of_job[of_job["code"] == base.code])
     stored = {row.view: replace(row, time=now()) for row in row_objects(wholes)}
-    pictures = {task.view.name: task.place.restored(job.out, job.method.label) for task in every}
+    pictures = {
+        task.view.name: task.place.restored(job.out, job.method.label) for task in every
+    }
     there = {
         task.view.name: task
         for task in every
@@ -178,13 +187,19 @@ def pair_rows(
     shared = SharedPoints(views)
     overlaps = shared.overlaps()
     for start in range(0, len(overlaps), _AT_ONCE):
-        batch = [(overlap, shared.of(overlap)) for overlap in overlaps[start : start + _AT_ONCE]]
+        batch = [
+            (overlap, shared.of(overlap)) for overlap in overlaps[start : start + _AT_ONCE]
+        ]
         for entrant, of_entrant in zip(entrants, tallies, strict=True):
-            held = cached(LRUCache[Any, RestoredView](max(4, _HELD // bytes_each)))(entrant.open)
+            held = cached(LRUCache[Any, RestoredView](max(4, _HELD // bytes_each)))(
+                entrant.open
+            )
             for overlap, points in batch:
                 first, second = views[overlap.first].name, views[overlap.second].name
                 if points is not None and entrant.bases.keys() >= {first, second}:
-                    pair = RestoredPair(held(first), held(second), points, overlap.are_neighbours)
+                    pair = RestoredPair(
+                        held(first), held(second), points, overlap.are_neighbours
+                    )
                     for tally in of_entrant:
                         tally.add(pair)
             after_batch()
@@ -201,7 +216,9 @@ class _Tally:
     a view has none, of those that share points with another.
     """
 
-    def __init__(self, entrant: Entrant, scorer: Scorer, variant: str, has: frozenset[str]) -> None:
+    def __init__(
+        self, entrant: Entrant, scorer: Scorer, variant: str, has: frozenset[str]
+    ) -> None:
         self.entrant, self.scorer, self.variant = entrant, scorer, variant
         absent = plugins.missing_needs(scorer.plugin, has)
         self.lost: tuple[Status, str] | None = ("skipped", absent) if absent else None
@@ -254,7 +271,9 @@ class _Tally:
         else:
             for region, of_pairs in by_region.items():
                 known = [
-                    score for score in of_pairs if score.weight > 0 and not math.isnan(score.value)
+                    score
+                    for score in of_pairs
+                    if score.weight > 0 and not math.isnan(score.value)
                 ]
                 if known:
                     weight = sum(score.weight for score in known)

@@ -83,7 +83,9 @@ class Source:
     def held(cls, picture: Picture, mask: Mask) -> Source:
         """A restoration in memory, without its computed image."""
         holed = None if mask.all() else mask
-        return cls(lambda: holed, lambda _: picture, partial(PictureOnly, reason=Reason.NOT_HELD))
+        return cls(
+            lambda: holed, lambda _: picture, partial(PictureOnly, reason=Reason.NOT_HELD)
+        )
 
     def shown(self, mask: Mask) -> Array:
         """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W)."""
@@ -223,7 +225,9 @@ def score_in_memory(
     whole = filled_restorations(rows)
     differing = differing_views(whole)
     chosen = {
-        _key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing
+        _key(row): (row, by_name[row.view])
+        for row in row_objects(whole)
+        if _key(row) in differing
     }
     made = _common_views(
         chosen, rows, metric_choices(metrics), lambda row: held[row.view, row.method]
@@ -305,7 +309,9 @@ def score_folders(rows: DataFrame) -> DataFrame:
     with opening_once():
         for job in reversed(jobs):
             with suppress(SucreBenchError):  # its data cannot be opened
-                of_job = {_key(task.base): task for task in tasks(job, open_scenes(job.dataset))}
+                of_job = {
+                    _key(task.base): task for task in tasks(job, open_scenes(job.dataset))
+                }
                 opened |= {key: task for key, task in of_job.items() if key in wanted}
     views = _stored_views(opened, rows, jobs, lambda row: folders[_key(row)][row.method])
     complete = [view for key, view in views.items() if len(view.by_method) == len(folders[key])]

@@ -71,7 +71,9 @@ class Compared:
     def __post_init__(self) -> None:
         if not hasattr(self.rows, "columns"):
             raise InputError(
-                f"is {shown_value(self.rows)}", "Compared.rows", "pass the table that score returns"
+                f"is {shown_value(self.rows)}",
+                "Compared.rows",
+                "pass the table that score returns",
             )
 
     @property
@@ -110,7 +112,11 @@ class Compared:
 
     @checked
     def plot(
-        self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360
+        self,
+        view: str | int = 0,
+        labels: Sequence[str] = (),
+        metric: str = "",
+        height: int = 360,
     ) -> Image:
         """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
@@ -134,7 +140,9 @@ class Compared:
             )
         if unknown := [label for label in labels if label not in self.labels]:
             raise InputError(
-                f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}"
+                f"no method '{unknown[0]}'",
+                "plot(labels)",
+                f"there are {', '.join(self.labels)}",
             )
         main = deciding(found).main if not metric and (found := self.comparison) else None
         name, _, variant = (main.key if main else metric).partition(":")
@@ -143,7 +151,9 @@ class Compared:
         if variant:
             wanted["variant"] = variant
         rows = self.rows[(self.rows[list(wanted)] == pd.Series(wanted)).all(axis=1)]
-        scores = {row.method: f", {name} {number(row.value)} {row.unit}" for row in tuples(rows)}
+        scores = {
+            row.method: f", {name} {number(row.value)} {row.unit}" for row in tuples(rows)
+        }
         for label in labels or self.labels:
             if (shown.name, label) in self.pictures:
                 title = (label + scores.get(label, "")).rstrip()
@@ -154,7 +164,9 @@ class Compared:
         for title, picture in panels.items():
             size = (round(picture.shape[1] * height / picture.shape[0]), height)
             how = cv2.INTER_AREA if height < picture.shape[0] else cv2.INTER_LINEAR
-            resized: Picture = np.asarray(cv2.resize(picture, size, interpolation=how), np.uint8)
+            resized: Picture = np.asarray(
+                cv2.resize(picture, size, interpolation=how), np.uint8
+            )
             parts += [np.full((height, _GAP, 3), 255, np.uint8), captioned(resized, title)]
         return Image.fromarray(np.hstack(parts[1:]))
 
@@ -223,7 +235,9 @@ def compare_methods(
 
 def _made(methods: Methods) -> dict[str, Any]:
     """Choices and method objects by label. InputError for an unknown name or option, or a label that is there twice."""
-    given = methods.items() if isinstance(methods, Mapping) else [(None, each) for each in methods]
+    given = (
+        methods.items() if isinstance(methods, Mapping) else [(None, each) for each in methods]
+    )
     made: dict[str, Any] = {}
     for label, what in given:
         options = dict(what) if isinstance(what, Mapping) else {"name": what}

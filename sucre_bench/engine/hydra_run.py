@@ -194,7 +194,9 @@ def _objective(job: Job) -> float:
     """The mean of the job's objective over its views. InputError if it has none."""
     metric, _, variant = job.objective.replace(":", ".", 1).partition(".")
     rows: Any = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
-    rows = rows[(rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")]
+    rows = rows[
+        (rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")
+    ]
     values = rows[rows["variant"] == variant]["value"] if variant else rows["value"]
     if values.empty:
         raise InputError(

@@ -35,7 +35,12 @@ from sucre_bench.machine.files import writing
 from sucre_bench.machine.processes import Send, step
 from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
-from sucre_bench.plugins.call_method import checked_restore, shown_with, typed_before, with_truth
+from sucre_bench.plugins.call_method import (
+    checked_restore,
+    shown_with,
+    typed_before,
+    with_truth,
+)
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.restorations import (
     Measured,
@@ -76,7 +81,9 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30)
             )
         if planned.shares_decoded:
-            block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
+            block.enter_context(
+                storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30))
+            )
         scenes: dict[str, _SceneColours] = {}
         while places := take():
             for place in places:
@@ -127,13 +134,19 @@ def measured_restore(
         restoration = checked_restore(method, scene, view, word)
         seconds = time.perf_counter() - started
     took = {"seconds": seconds, "peak_mb": memory.peak_mb}
-    took |= {name: float(restoration.info[name]) for name in took.keys() & restoration.info.keys()}
+    took |= {
+        name: float(restoration.info[name]) for name in took.keys() & restoration.info.keys()
+    }
     restoration = restoration_in_srgb(restoration, view) if in_srgb else restoration
     return Measured(with_truth(restoration, scene, view), **took)
 
 
 def _restored_and_scored(
-    job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None
+    job: Job,
+    method: Any,
+    metrics: Sequence[Scorer],
+    task: Task,
+    over: _SceneColours | None = None,
 ) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view = task.view
@@ -148,7 +161,9 @@ def _restored_and_scored(
             colours = over.colours if over and over.colours.size else None
             shown, filled = displayed(restoration, job.method.display, view.encoding, colours)
             look = (job.bits, over.hash if over else "")
-            write_pictures(job.out, task.place, job.method.label, restoration, shown, filled, *look)
+            write_pictures(
+                job.out, task.place, job.method.label, restoration, shown, filled, *look
+            )
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
             return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
@@ -191,7 +206,9 @@ def _stored_or_restored(
     if is_stored:
         write_full(whole, measured, task.base)
     else:
-        with writing(whole):  # it is of another restoration than the picture that is now beside it
+        with writing(
+            whole
+        ):  # it is of another restoration than the picture that is now beside it
             whole.unlink(missing_ok=True)
     return measured
 

@@ -132,7 +132,10 @@ def _open(dataset: Choice) -> list[Scene]:
         if not isinstance(scene, Scene):
             fault_of_type = f"yields {type(scene).__name__}"
             raise PluginError(fault_of_type, where, "scenes() yields Scene objects")
-        for kind, name in (("scene", scene.name), *(("view", view.name) for view in scene.views)):
+        for kind, name in (
+            ("scene", scene.name),
+            *(("view", view.name) for view in scene.views),
+        ):
             if not PurePosixPath(name).name:
                 raise PluginError(f"a {kind} is called '{name}'", where, "give it a name")
     for name, times in Counter(scene.name for scene in scenes).most_common(1):
@@ -153,7 +156,9 @@ def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
     root = expanded(folder)
     default = {option.name: option.default for option in options_of(dataset.plugin.cls)}
     values = {**default, **dataset.options}.values()
-    named = [root / expanded(value) for value in values if isinstance(value, str | Path) and value]
+    named = [
+        root / expanded(value) for value in values if isinstance(value, str | Path) and value
+    ]
     folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
     read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
     say_passed_over(root, sorted(folders), read, beside=not dataset.plugin.licence)
@@ -329,7 +334,9 @@ def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
     )
     reads_again = reads_neighbours or len(set(read)) < len(read)
     return [
-        replace(plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again))
+        replace(
+            plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again)
+        )
         for plan in planned
     ]
 
@@ -446,7 +453,9 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
                 ]
         if job.overwrite == "always":
             continue
-        scenes = {results.unreplicated(scene)[0] for scene in scenes_of.get(dataset, ()) if scene}
+        scenes = {
+            results.unreplicated(scene)[0] for scene in scenes_of.get(dataset, ()) if scene
+        }
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             clashes.append(
                 f"{job.out}: its '{dataset}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "

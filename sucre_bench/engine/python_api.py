@@ -152,7 +152,9 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
 
 
 @checked
-def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
+def restore(
+    method: str | Any, scene: Scene, view: View | str | int, **options: Any
+) -> Restored:
     """Restore one view with a method.
 
     - method: the method's name, that of a preset ("sucre_exact", say), or a method object;
@@ -193,7 +195,8 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
         )
     view = view if isinstance(view, View) else scene[view]
     if not any(
-        one is view or (one.name == view.name and one.pixels is view.pixels) for one in scene.views
+        one is view or (one.name == view.name and one.pixels is view.pixels)
+        for one in scene.views
     ):
         raise InputError(
             f"'{view.name}' is a view of another scene",
@@ -270,7 +273,9 @@ def score(
         seed=int(seed),
         **{name: info[name] for name in info.keys() & _SAME},
     )
-    rows = score_rows(result, shown, view, scorers(metric_choices(metrics or ["default"])), base)
+    rows = score_rows(
+        result, shown, view, scorers(metric_choices(metrics or ["default"])), base
+    )
     return results.frame(sorted(rows, key=lambda row: row.metric in COSTS))
 
 

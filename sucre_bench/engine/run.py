@@ -152,9 +152,13 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
                 crashed = not _run_jobs(command, planned, launch, watch)
                 if not crashed:
                     if any(
-                        metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics
+                        metric.plugin.is_of_pairs
+                        for plan in planned
+                        for metric in plan.job.metrics
                     ):
-                        run_alone("pairs of views", partial(score_across_views, planned), n_alone)
+                        run_alone(
+                            "pairs of views", partial(score_across_views, planned), n_alone
+                        )
                     if compare.leaves_holes(results.merge(first.out)):
                         # else all methods fill the same pixels
                         on_common_pixels = partial(score_on_common_pixels, planned, first.out)
@@ -200,7 +204,9 @@ def _run_jobs(
         raise
     except Exception as fault:
         keep_traceback(log_path(command.jobs[0].out), "launcher")
-        reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
+        reason = (
+            one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
+        )
         progress.say(f"failed  the launcher: {reason}", is_fault=True)
         return False
     lost = defaultdict[tuple[str, str], list[tuple[Job, str]]](list)
@@ -304,7 +310,9 @@ def _outcome(
     first = planned[0].job
     scores = _on_pixels(rows, first.out)
     requested = _of(scores, metrics)
-    is_asked = [name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")]
+    is_asked = [
+        name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
+    ]
     asked = requested.loc[is_asked]
     failed = tuples(asked[asked["status"] == "failed"])
     return _counted(

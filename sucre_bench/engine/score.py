@@ -21,7 +21,12 @@ from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import NotApplicableError, PluginError, one_line, raise_if_stop
 from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.colour_profiles import view_in_srgb
-from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
+from sucre_bench.imaging.resizing import (
+    Form,
+    changed_picture,
+    changed_restoration,
+    split_variant,
+)
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import keep_traceback, short_hash
@@ -199,7 +204,9 @@ def variant_rows(scorer: Scorer, scored: Scored, base: Row) -> list[Row]:
     except BaseException as fault:
         return [row_of_fault(base, fault, scorer.log)]
     rows = [
-        row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row
+        row_without_value(row, "skipped", Reason.NO_VALUE.value)
+        if math.isnan(row.value)
+        else row
         for row in rows
     ]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
@@ -225,7 +232,9 @@ def row_without_value(base: Row, status: Status, reason: str) -> Row:
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
 
-def row_of_fault(base: Row, fault: BaseException, log: Path | None, is_said: bool = False) -> Row:
+def row_of_fault(
+    base: Row, fault: BaseException, log: Path | None, is_said: bool = False
+) -> Row:
     """Return the row for a fault that is being handled: skipped for NotApplicableError, or else failed.
 
     The traceback of a failure goes to `log`; is_said: print it as a line, too. A request to stop is raised again.

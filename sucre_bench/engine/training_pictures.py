@@ -40,7 +40,9 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
         for method, (text, sets, but) in trained.items():
             # by content, and not changed
             found = [found_of(one, pictures, "image") for one in sets]
-            seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
+            seen = {
+                name for one in found for name in {*one.members} - {*one.by_name, *one.changed}
+            }
             if but:
                 seen -= {*found_of(but, pictures, "image").members}
             if seen:

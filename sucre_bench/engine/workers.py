@@ -140,7 +140,9 @@ class _Job:
         self.is_full = self.is_given_up = False
         self.after_view: list[Callable[[], None]] = []
         job = planned.job
-        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
+        self._part = Part(
+            job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S
+        )
         self._shown = ExitStack()
 
     def _plan(self, planned: Planned) -> None:
@@ -168,7 +170,9 @@ class _Job:
 
     def take(self, n_workers: int) -> list[int]:
         """Take views for a worker: about half of its share of what is left, so that all end at the same time."""
-        n_groups = len(self.left) if n_workers < 2 else max(1, len(self.left) // (2 * n_workers))
+        n_groups = (
+            len(self.left) if n_workers < 2 else max(1, len(self.left) // (2 * n_workers))
+        )
         taken: list[int] = []
         while n_groups and self.left and len(taken) < _MOST_GIVEN:
             taken += self.left.popleft()

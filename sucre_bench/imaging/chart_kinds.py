@@ -65,13 +65,17 @@ def colorchecker_sg() -> ChartKind:
         for y in range(10)
         for x in range(14)
     ]
-    return ChartKind("colorchecker_sg", _patches(list(published.data), boxes, lab), width, height)
+    return ChartKind(
+        "colorchecker_sg", _patches(list(published.data), boxes, lab), width, height
+    )
 
 
 def read_kind(path: Path) -> ChartKind:
     """Return the kind that a CSV file describes, see above. Raises InputError naming the line that is wrong."""
     if fault := fault_of(path):
-        raise InputError(f"{path}: {fault}; give the path of the CSV file that describes the chart")
+        raise InputError(
+            f"{path}: {fault}; give the path of the CSV file that describes the chart"
+        )
     with reading(path, "correct the path of the chart"):
         return _parsed(str(path), regular(path).read_text(encoding="utf-8-sig"))
 
@@ -79,7 +83,9 @@ def read_kind(path: Path) -> ChartKind:
 @functools.lru_cache(maxsize=32)  # asked for with every chart that is measured
 def _parsed(place: str, text: str) -> ChartKind:
     lines = [
-        (number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()
+        (number, line.strip())
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip()
     ]
     said = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.+?)\s*$", text, flags=re.MULTILINE))
     frame = re.fullmatch(rf"({_LENGTH})\s*x\s*({_LENGTH})", said.get("frame", ""))
@@ -105,13 +111,17 @@ def _parsed(place: str, text: str) -> ChartKind:
         x0, y0, x1, y1, *colour = _numbers(at, row, wanted[1:])
         if not (0 <= x0 < x1 <= width * 1.0001 and 0 <= y0 < y1 <= height * 1.0001):
             raise InputError(
-                f"patch outside the frame of {width:g} x {height:g}", at, "give x0,y0,x1,y1 in it"
+                f"patch outside the frame of {width:g} x {height:g}",
+                at,
+                "give x0,y0,x1,y1 in it",
             )
         names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
         lab.append(colour)
         if spectral and not 0 <= min(colour) <= max(colour) <= 1:
-            raise InputError(f"{at}: a reflectance is outside of 0 to 1; divide percentages by 100")
+            raise InputError(
+                f"{at}: a reflectance is outside of 0 to 1; divide percentages by 100"
+            )
         if {"R", "G", "B"} <= row.keys() and not spectral:
             srgb.append([value / 255 for value in _numbers(at, row, ("R", "G", "B"))])
     expected = np.array(srgb) if srgb else None
@@ -139,7 +149,9 @@ def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator
         except (TypeError, ValueError):
             value = math.nan
         if not math.isfinite(value):
-            raise InputError(f"{at}: {column} is '{row[column]}', not a number; write it like 12.5")
+            raise InputError(
+                f"{at}: {column} is '{row[column]}', not a number; write it like 12.5"
+            )
         yield value
 
 
@@ -153,10 +165,18 @@ def _patches(
     chromatic = (np.hypot(lab[:, 1], lab[:, 2]) >= _CHROMATIC).tolist()
     listed = (srgb_of_lab_d50(lab) if srgb is None else srgb).tolist()
     spectra = (
-        [None] * len(lab) if measured is None else [tuple(of_one) for of_one in measured.tolist()]
+        [None] * len(lab)
+        if measured is None
+        else [tuple(of_one) for of_one in measured.tolist()]
     )
     rows = zip(
-        names, boxes, map(tuple, listed), map(tuple, lab.tolist()), chromatic, spectra, strict=True
+        names,
+        boxes,
+        map(tuple, listed),
+        map(tuple, lab.tolist()),
+        chromatic,
+        spectra,
+        strict=True,
     )
     return tuple(Patch(name, number, *row) for number, (name, *row) in enumerate(rows, 1))
 
@@ -232,7 +252,9 @@ def kind_id(name: str) -> str:
     try:
         content = regular(Path(name)).read_bytes()
         for other in re.findall(
-            rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$", content, flags=re.MULTILINE | re.I
+            rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$",
+            content,
+            flags=re.MULTILINE | re.I,
         ):
             content += regular(Path(name).parent / other.decode()).read_bytes()
         return f"csv-{hashlib.blake2b(content, digest_size=6).hexdigest()}"

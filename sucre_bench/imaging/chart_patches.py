@@ -56,7 +56,8 @@ def image_from_chart(corners: Array) -> Array:
 
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     return np.asarray(
-        cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)), dtype=np.float64
+        cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)),
+        dtype=np.float64,
     )
 
 
@@ -158,7 +159,9 @@ class Order:
             return "too few patches have a colour to tell whether they are in order"
         if self.explained < _LEAST:
             said = f"{self.explained:.0%} explained"
-            return f"the patches' colours do not follow the chart's ({said}): wrong place or kind"
+            return (
+                f"the patches' colours do not follow the chart's ({said}): wrong place or kind"
+            )
         return ""
 
 

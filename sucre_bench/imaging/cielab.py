@@ -126,7 +126,9 @@ def _white(illuminant: str) -> Array:
     if illuminant not in known:
         known = colour_science().CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
     if illuminant not in known:
-        raise InputError(f"illuminant '{illuminant}': unknown; {did_you_mean(illuminant, known)}")
+        raise InputError(
+            f"illuminant '{illuminant}': unknown; {did_you_mean(illuminant, known)}"
+        )
     x, y = known[illuminant]
     return np.array([x / y, 1, (1 - x - y) / y])
 

@@ -20,12 +20,12 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_files import metadata_of, read_rgb, say_once_a_folder
 from sucre_bench.scene import Encoding, Plane, Restoration, View
 
-PROFILE = "profile"  # the name in the record of the profile from which a restoration was converted
+PROFILE = (
+    "profile"  # the name in the record of the profile from which a restoration was converted
+)
 
 _EXIF, _INTEROPERABILITY, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
-_BEYOND = (
-    8.0  # a curve goes on as a straight line up to this intensity: restorations may leave [0, 1]
-)
+_BEYOND = 8.0  # a curve goes on as a straight line up to this intensity: restorations may leave [0, 1]
 _D50 = np.array([0.9642, 1, 0.8249])  # of ICC profiles
 _SRGB_LIKE = 1.5 / 255  # a profile that changes no colour by more is sRGB's
 
@@ -127,7 +127,10 @@ def restoration_in_srgb(restoration: Restoration, view: View) -> Restoration:
     filled = restoration.filled
     filled = None if filled is None else profile.to_srgb(filled, view.encoding)
     return replace(
-        restoration, image=image, filled=filled, info={**restoration.info, PROFILE: profile.name}
+        restoration,
+        image=image,
+        filled=filled,
+        info={**restoration.info, PROFILE: profile.name},
     )
 
 
@@ -141,7 +144,9 @@ def _read(path: Path) -> Profile | None:
         head = file.read(1 << 16).partition(b"IDAT")[0]
     is_png = head.startswith(b"\x89PNG")
     if is_png and (code := head.partition(b"\0\0\0\4cICP")[2][:2]):
-        return _of_primaries(_NAMES.get(code[0], ""), _PRIMARIES.get(code[0]), _curve_of(code[1]))
+        return _of_primaries(
+            _NAMES.get(code[0], ""), _PRIMARIES.get(code[0]), _curve_of(code[1])
+        )
     if icc := info.get("icc_profile"):
         return of_icc(icc)
     if is_png and "srgb" not in info and "gamma" in info:
@@ -154,7 +159,9 @@ def _read(path: Path) -> Profile | None:
         )
     of_camera = tags.get_ifd(_EXIF)
     rule = str(tags.get_ifd(_INTEROPERABILITY).get(1, "")).strip("\0 ")
-    if of_camera.get(_COLOUR_SPACE) == 2 or (rule == "R03" and of_camera.get(_COLOUR_SPACE) != 1):
+    if of_camera.get(_COLOUR_SPACE) == 2 or (
+        rule == "R03" and of_camera.get(_COLOUR_SPACE) != 1
+    ):
         return _of_primaries("Adobe RGB (EXIF)", _ADOBE, _GRID ** (563 / 256))
     return None
 

@@ -106,7 +106,10 @@ def display(
             f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full"
         )
     may_stay = (
-        chosen.kind == "none" and encoding == "gamma" and not by_veil and image.dtype == np.float32
+        chosen.kind == "none"
+        and encoding == "gamma"
+        and not by_veil
+        and image.dtype == np.float32
     )
     if may_stay and image.size and image.min() >= 0 and image.max() <= 1:
         return image  # nothing to clip, no NaN: no picture of 12 megapixels is copied
@@ -143,7 +146,9 @@ def is_of_scene(how: str) -> bool:
     return normalisation(how).is_of_scene
 
 
-def _limits(image: Array, chosen: Normalisation, veil_gains: Array | None) -> tuple[Array, Array]:
+def _limits(
+    image: Array, chosen: Normalisation, veil_gains: Array | None
+) -> tuple[Array, Array]:
     """Return what to subtract from each channel (3,), and what to divide it by then.
 
     veil_gains: (3,), which make light of the veil's colour white.

@@ -12,7 +12,10 @@ from sucre_bench.arrays import Array, Picture
 if TYPE_CHECKING:
     import PIL.Image
 
-_GAP, _TEXT = 8, 20  # pixels between the pairs of a contact sheet, and of the height of a caption
+_GAP, _TEXT = (
+    8,
+    20,
+)  # pixels between the pairs of a contact sheet, and of the height of a caption
 
 
 def captioned(picture: Picture, text: str) -> Picture:
@@ -60,7 +63,10 @@ def contact_sheet(
         for left, picture in zip((x, x + wide + 2), pair, strict=True):
             sheet.paste(picture, (left, y))
         pen.text(
-            (x, y + max(picture.height for picture in pair) + 2), caption, fill="black", font=font
+            (x, y + max(picture.height for picture in pair) + 2),
+            caption,
+            fill="black",
+            font=font,
         )
     return sheet
 
@@ -85,8 +91,8 @@ def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.nda
     import cv2
 
     share = ((depth - near) / max(far - near, 1e-9)).clip(0, 1)
-    coloured = cv2.applyColorMap(np.rint(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO)[
-        ..., ::-1
-    ].copy()
+    coloured = cv2.applyColorMap(
+        np.rint(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO
+    )[..., ::-1].copy()
     coloured[depth <= 0] = unknown
     return np.asarray(coloured)

@@ -94,7 +94,9 @@ def _round(shown: Array, planes: Bytes, valid: Mask) -> int:
             n_valid += known
             for channel in range(3):
                 level = np.float32(shown[row, column, channel]) if known else zero
-                planes[channel, row, column] = np.uint8(min(max(level, zero), one) * scale + half)
+                planes[channel, row, column] = np.uint8(
+                    min(max(level, zero), one) * scale + half
+                )
     return n_valid
 
 
@@ -109,9 +111,9 @@ def palette(shown: AnyArray) -> Palette:
     counts: AnyArray
     if picture.n_valid < _FEW_PIXELS:
         flat = picture.planes.reshape(3, -1)
-        red, green, blue = (flat if picture.is_whole else flat[:, picture.valid.ravel()]).astype(
-            np.uint32
-        )
+        red, green, blue = (
+            flat if picture.is_whole else flat[:, picture.valid.ravel()]
+        ).astype(np.uint32)
         codes, counts = np.unique(red << 16 | green << 8 | blue, return_counts=True)
     else:
         table = np.zeros(1 << 24, np.uint32)

@@ -138,7 +138,8 @@ def filled_by_water(view: View, water: Water, z: Array) -> Array:
 def deviation_of_guess(J: Array, water: Water, z: Array) -> Array:
     """Return the standard deviation (3, P) that a guessed distance z (P,) gives colours J (3, P)."""
     B, beta, gamma = (
-        np.asarray(p)[:, None] for p in (water.veiling_light, water.attenuation, water.backscatter)
+        np.asarray(p)[:, None]
+        for p in (water.veiling_light, water.attenuation, water.backscatter)
     )
     slope = beta * J - B * gamma * np.exp((beta - gamma) * z)  # dJ/dz
     return np.asarray(np.abs(slope) * GUESS * z)

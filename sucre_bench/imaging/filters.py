@@ -42,7 +42,9 @@ def window_max(plane: Array, size: int) -> Array:
     import cv2
 
     return np.asarray(
-        cv2.dilate(np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8))
+        cv2.dilate(
+            np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8)
+        )
     )
 
 
@@ -101,7 +103,9 @@ def stretched_by_weakness(rgb: Array) -> Array:
     return np.stack(channels, axis=-1)
 
 
-def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: int = 512) -> Array:
+def guided_filter(
+    guide: Array, plane: Array, radius: int, eps: float, *, rows: int = 512
+) -> Array:
     """Return a plane (H, W) float32 that is, in each window, the linear function of the guide nearest to `plane`.
 
     guide: (H, W) or (H, W, 3), [0, 1]; radius: of the square window, pixels; eps: variance of the guide below which it
@@ -167,7 +171,9 @@ def box_mean(image: Array, radius: int) -> Array:
     )
     places = (np.arange(side) for side in image.shape[:2])
     rows, columns = (
-        (np.minimum(at + radius, len(at) - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32)
+        (np.minimum(at + radius, len(at) - 1) - np.maximum(at - radius, 0) + 1).astype(
+            np.float32
+        )
         for at in places
     )
     count = rows[:, None] * columns

@@ -22,7 +22,13 @@ import numpy as np
 
 from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
-from sucre_bench.machine.files import frames_of, open_atomically, reading, regular, write_atomically
+from sucre_bench.machine.files import (
+    frames_of,
+    open_atomically,
+    reading,
+    regular,
+    write_atomically,
+)
 from sucre_bench.machine.progress import say
 
 # of what is taken for an image in a folder
@@ -62,17 +68,23 @@ _FEW_BITS = 14  # of raw converters
 
 def png_chunk(content: bytes) -> bytes:
     """Return a part of a PNG file. content: its type, four letters, and its data."""
-    return struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+    return (
+        struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+    )
 
 
-PNG_HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
+PNG_HEADER = (
+    33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
+)
 OF_JPEG = png_chunk(b"tEXtSource\0JPEG")  # of a picture that was decoded from a JPEG file
 
 
 def image_size(file: Path | bytes) -> Size | None:
     """Return (width, height) from the header of a file or its content; None where decoding will say what is wrong."""
     try:
-        with io.BytesIO(file) if isinstance(file, bytes) else regular(file).open("rb") as opened:
+        with (
+            io.BytesIO(file) if isinstance(file, bytes) else regular(file).open("rb") as opened
+        ):
             header = _header(opened)
     except (OSError, InputError):
         return None
@@ -139,7 +151,9 @@ def read_bgr(path: Path) -> AnyArray:
     """Return an image (H, W, 3) uint8 or uint16, BGR. Raises InputError if it cannot be read, or has other bits."""
     import cv2
 
-    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    stored = decode(
+        path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    )
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
     return stored
@@ -170,7 +184,9 @@ def resized(image: Array, size: Size | None, path: Path) -> Array:
         return image
     if width < size[0] or height < size[1] or not same_shape((width, height), size):
         raise InputError(
-            f"is {width}x{height}, expected {size[0]}x{size[1]}", path, "resize it or the others"
+            f"is {width}x{height}, expected {size[0]}x{size[1]}",
+            path,
+            "resize it or the others",
         )
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
@@ -199,7 +215,9 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     header = _header(io.BytesIO(data))
     if header is None:  # OpenCV might still allocate what a damaged header says
         raise DamagedFileError(
-            "cannot be read, damaged or not an image", place, frames_of(place) or "copy it again"
+            "cannot be read, damaged or not an image",
+            place,
+            frames_of(place) or "copy it again",
         )
     check_pixels(place, header.size)
     if header.has_more:
@@ -284,7 +302,9 @@ def _without_alpha(stored: AnyArray, place: str, flags: int) -> AnyArray:
     if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
         fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
         say_once_a_folder(
-            Path(place), "alpha", f"{fault}; save it without transparency if these are not right"
+            Path(place),
+            "alpha",
+            f"{fault}; save it without transparency if these are not right",
         )
     return bgr
 
@@ -392,7 +412,9 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
     """
     with reading(path, "write it again with numpy.save"):
         if not zipfile.is_zipfile(regular(path)):
-            mapped = np.lib.format.open_memmap(path, mode="r")  # a false size allocates no memory
+            mapped = np.lib.format.open_memmap(
+                path, mode="r"
+            )  # a false size allocates no memory
             check_pixels(path, mapped.shape, channels=4)
             return np.array(mapped)
         if choose is None:

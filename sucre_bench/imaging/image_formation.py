@@ -29,7 +29,9 @@ def highest(plane: Array, share: float) -> Mask:
 
 def brightest(image: Array, among: Mask) -> Array:
     """Return (3,) float64: the colour of the brightest of some pixels (H, W), by R + G + B; of equals, the first."""
-    colours = image[among].astype(np.float64)  # (P, 3): one index counts pixels, another channels
+    colours = image[among].astype(
+        np.float64
+    )  # (P, 3): one index counts pixels, another channels
     return np.asarray(colours[colours.sum(axis=1).argmax()])
 
 
@@ -158,7 +160,9 @@ def trusted(z: Array) -> Mask:
     """
     known: Mask = z > 0
     return (
-        known & (z <= np.percentile(z[known], _TRUSTED, method="higher")) if known.any() else known
+        known & (z <= np.percentile(z[known], _TRUSTED, method="higher"))
+        if known.any()
+        else known
     )
 
 

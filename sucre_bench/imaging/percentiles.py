@@ -34,7 +34,9 @@ def channel_percentiles(
     else:
         counted = (pixels if valid is None else pixels[valid]).reshape(-1, pixels.shape[-1])
         found = np.partition(counted, ranks, axis=0)[ranks]
-    low, high = (found[np.searchsorted(ranks, side)].astype(np.float64) for side in (below, above))
+    low, high = (
+        found[np.searchsorted(ranks, side)].astype(np.float64) for side in (below, above)
+    )
     return np.asarray(low + (high - low) * (place - below)[:, None])
 
 
@@ -57,7 +59,9 @@ def _at_ranks(
         keys = np.empty(of_bin[bins].sum(), np.uint32)
         compiled(_collect)(locked(bits), locked(valid), channel, wanted, keys)
         keys.sort()
-        skipped = np.cumsum(np.where(wanted, 0, of_bin))[np.searchsorted(upto, ranks, side="right")]
+        skipped = np.cumsum(np.where(wanted, 0, of_bin))[
+            np.searchsorted(upto, ranks, side="right")
+        ]
         key = keys[ranks - skipped]
         found.append(np.where(key >> 31, key ^ np.uint32(1 << 31), ~key).view(np.float32))
     return np.stack(found, axis=-1)

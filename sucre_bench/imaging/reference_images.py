@@ -11,9 +11,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import say_once_a_folder
 from sucre_bench.scene import View
 
-_BLOCK = (
-    0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
-)
+_BLOCK = 0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
 _DARK = 4 / 255
 _LEAVE_OUT = "leave it out if its reference has holes"
 _SIDE, _BLUR_PX = 48, 4.0  # of the outlines that are compared

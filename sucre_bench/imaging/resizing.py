@@ -81,12 +81,16 @@ def resized(image: AnyArray, resizing: Resizing) -> AnyArray:
     return resized_by_pillow(image, size, resizing.by)
 
 
-def resized_by_pillow(image: AnyArray, size: Size, by: Literal["bicubic", "nearest"]) -> AnyArray:
+def resized_by_pillow(
+    image: AnyArray, size: Size, by: Literal["bicubic", "nearest"]
+) -> AnyArray:
     """Return an image (H, W, C), uint8 or float32, at a size (width, height), each channel by itself."""
     from PIL import Image
 
     how = Image.Resampling.BICUBIC if by == "bicubic" else Image.Resampling.NEAREST
-    planes = (Image.fromarray(np.ascontiguousarray(image[..., c])) for c in range(image.shape[-1]))
+    planes = (
+        Image.fromarray(np.ascontiguousarray(image[..., c])) for c in range(image.shape[-1])
+    )
     return np.stack([np.asarray(plane.resize(size, how)) for plane in planes], axis=-1)
 
 

@@ -84,7 +84,9 @@ def find_seams(picture: Array, photograph: Array, distance: Array | None = None)
     """
     distance = np.ones(picture.shape[:2]) if distance is None else distance
     known: Mask = (
-        np.isfinite(picture).all(axis=-1) & np.isfinite(photograph).all(axis=-1) & (distance > 0)
+        np.isfinite(picture).all(axis=-1)
+        & np.isfinite(photograph).all(axis=-1)
+        & (distance > 0)
     )
     log_distance = np.log(np.where(known, distance, 1))
     planes = np.dstack(
@@ -198,17 +200,21 @@ def _fits(found: list[_Steps], s: Array, limits: Array) -> list[tuple[Array, Arr
     everywhere = _fit(terms, d_S)
     members = [group == k for k in range(_GROUPS)]
     by_group = [
-        _fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere for k in members
+        _fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere
+        for k in members
     ]
     coefficients, typical = (np.stack(parts) for parts in zip(*by_group, strict=True))
     return [
-        _excess(steps, np.digitize(s[steps.at], limits), coefficients, typical) for steps in found
+        _excess(steps, np.digitize(s[steps.at], limits), coefficients, typical)
+        for steps in found
     ]
 
 
 def _fit(terms: Array, d_S: Array) -> tuple[Array, Array]:
     """Coefficients (7, 3), the smallest of equally good ones, and the typical |u| (3,) that they leave."""
-    coefficients = np.linalg.pinv(terms.T @ terms, rcond=1e-10, hermitian=True) @ (terms.T @ d_S)
+    coefficients = np.linalg.pinv(terms.T @ terms, rcond=1e-10, hermitian=True) @ (
+        terms.T @ d_S
+    )
     return coefficients, 1.4826 * np.median(np.abs(d_S - terms @ coefficients), axis=0)
 
 

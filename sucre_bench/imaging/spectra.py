@@ -45,7 +45,9 @@ def colours(
     light = _illuminant(illuminant, folder)
     observer = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     sight = on_grid("observer", observer.wavelengths, observer.values.T) * light
-    lab = lab_d50_of_xyz(reflectance @ sight.T / sight[1].sum(), sight.sum(axis=1) / sight[1].sum())
+    lab = lab_d50_of_xyz(
+        reflectance @ sight.T / sight[1].sum(), sight.sum(axis=1) / sight[1].sum()
+    )
     if camera is None:
         return lab, srgb_of_lab_d50(lab)
     responses = _table(folder / camera, 3) * light

@@ -43,7 +43,10 @@ _BESIDE_PX, _STANDS_OUT = (
     31,
     15.0,
 )
-_TEXTURE, _LESS = 0.008, 0.25  # least standard deviation that is texture; share of it that is none
+_TEXTURE, _LESS = (
+    0.008,
+    0.25,
+)  # least standard deviation that is texture; share of it that is none
 _WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
 
 
@@ -108,7 +111,9 @@ def look_at(
     cast, hue_deg = _cast(labs, was, metres, ground)
     red = is_red(small, _RED_HUE_DEG, 0.5, 0.15) & ~is_red(was, _WAS_RED_HUE_DEG, 0.25, 0.15)
     rims, flat = _rims(labs, metres, ground), _flat(small, was, seen)
-    return Look(cast, float(red[seen].mean()), rims, flat, below, (a, b), (a_was, b_was), hue_deg)
+    return Look(
+        cast, float(red[seen].mean()), rims, flat, below, (a, b), (a_was, b_was), hue_deg
+    )
 
 
 def faults_of_dive(looks: Sequence[Look]) -> list[tuple[VisibleFault, ...]]:
@@ -183,7 +188,10 @@ def _cast(
         for part in (part for part in parts if part.any()):
             now, before, right = np.median(a_and_b[part], axis=0).reshape(3, 2)
             apart.append(
-                min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right))
+                min(
+                    _from_line(now, before, right),
+                    _from_line(now, right, _MORE_SATURATED * right),
+                )
             )
             shifts.append(now)
         a, b = np.mean(shifts, axis=0)

@@ -138,7 +138,9 @@ class Asked:
     @cached_property
     def listed(self) -> dict[Kind, list[Entry]]:
         """What an experiment lists for the sweeper."""
-        return {kind: [_listed(kind, one) for one in self.sweeper(f"{kind}s")] for kind in KINDS}
+        return {
+            kind: [_listed(kind, one) for one in self.sweeper(f"{kind}s")] for kind in KINDS
+        }
 
     @cached_property
     def chosen(self) -> dict[Kind, list[Entry]]:
@@ -267,7 +269,9 @@ class Asked:
                 return InputError(f"'{head}' is not among the {kind}s", text, remedy)
             if word.option and any(head == entry.label for entry in self.listed[kind]):
                 remedy = f"leave out {kind}={names} or {key}"
-                return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
+                return InputError(
+                    f"'{head}' is not among the {kind}s of this run", text, remedy
+                )
         for kind in reversed(KINDS):
             if word.option and plugin_of(kind, head):
                 return self._no_option(word, kind)

@@ -20,7 +20,13 @@ from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import frames_of
 from sucre_bench.machine.provenance import absent
-from sucre_bench.plugins.options import Choice, Option, default_values, options_of, plugin_choice
+from sucre_bench.plugins.options import (
+    Choice,
+    Option,
+    default_values,
+    options_of,
+    plugin_choice,
+)
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # What the bench adds to the options of a plugin.
@@ -80,7 +86,9 @@ def named(kind: Kind, name: str) -> Plugin:
 def is_choice(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
     is_data = kind == "dataset" and is_path(name)
-    return is_data or plugins.is_name(kind, name.partition(":")[0] if kind == "metric" else name)
+    return is_data or plugins.is_name(
+        kind, name.partition(":")[0] if kind == "metric" else name
+    )
 
 
 def configuration(kind: Kind, name: str) -> dict[str, Any]:
@@ -121,7 +129,9 @@ def option_names(kind: Kind, name: str) -> list[str]:
     Empty where no plugin and no preset of conf/ has this name.
     """
     plugin = plugin_of(kind, name)
-    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
+    return (
+        [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
+    )
 
 
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------
@@ -180,9 +190,7 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
             if name != "all" and name not in plugin.variants:
                 raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
             if form and not plugin.needs <= {"reference"}:
-                fault = (
-                    f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
-                )
+                fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
                 raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
             variants += [
                 variant + text[len(name) :]
@@ -305,11 +313,14 @@ def option_entry(option: Option) -> dict[str, Any]:
 def preset_entries(group: str) -> list[dict[str, Any]]:
     """Return name and description of each file of a folder of conf/, "experiment" say."""
     return [
-        {"name": name, "description": text} for name, text in configs.descriptions(group).items()
+        {"name": name, "description": text}
+        for name, text in configs.descriptions(group).items()
     ]
 
 
 def configured_entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
-    found = ((preset, plugin_of(kind, preset["name"])) for preset in preset_entries(GROUPS[kind]))
+    found = (
+        (preset, plugin_of(kind, preset["name"])) for preset in preset_entries(GROUPS[kind])
+    )
     return [entry(plugin) | preset for preset, plugin in found if plugin]

@@ -104,7 +104,9 @@ def lines_of(asked: Asked) -> list[str]:
     return lines
 
 
-def _settings(asked: Asked, words: Sequence[Word], pair: Sequence[Entry] = ()) -> dict[str, Word]:
+def _settings(
+    asked: Asked, words: Sequence[Word], pair: Sequence[Entry] = ()
+) -> dict[str, Word]:
     """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
 
     pair: empty for all datasets and methods.
@@ -238,7 +240,10 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
         if not isinstance(node.get(group), dict):
             raise unknown_name(key, group, node)
         node = node[group]
-    if name not in node and groups not in (["dataset"], ["method"]):  # whose options were checked
+    if name not in node and groups not in (
+        ["dataset"],
+        ["method"],
+    ):  # whose options were checked
         raise unknown_name(key, name, node)
     if is_deleted:
         del node[name]

@@ -176,7 +176,9 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
     values = OmegaConf.to_container(config, resolve=False)
     assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items() if key not in ("hydra", "experiment")}
+    return {
+        str(key): value for key, value in values.items() if key not in ("hydra", "experiment")
+    }
 
 
 @contextmanager
@@ -225,7 +227,9 @@ def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
 
     if not name or name not in preset_names(group):
         return None
-    with warnings.catch_warnings(action="ignore"):  # that _self_ is not in its defaults: it is last
+    with warnings.catch_warnings(
+        action="ignore"
+    ):  # that _self_ is not in its defaults: it is last
         config = composed([], config=f"{group}/{name}")
     values = OmegaConf.to_container(config, resolve=False)
     assert isinstance(values, dict)

@@ -41,7 +41,8 @@ def record_experiment(jobs: Sequence[Job]) -> None:
         kind: {_label(kind, one): one for one in sweeper.get(f"{kind}s", ())} for kind in KINDS
     }
     metrics = {
-        str(name).partition(":")[0]: values for name, values in content.get("metrics", {}).items()
+        str(name).partition(":")[0]: values
+        for name, values in content.get("metrics", {}).items()
     }
     for job in jobs:
         degrade = {"degrade": job.degrade.record} if job.degrade.record else {}

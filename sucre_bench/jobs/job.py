@@ -100,7 +100,8 @@ def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
     """
     options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
     texts = {
-        name: str(v.name if isinstance(v, Path) else plain_value(v)) for name, v in options.items()
+        name: str(v.name if isinstance(v, Path) else plain_value(v))
+        for name, v in options.items()
     }
     named = set(re.findall(r"\{(\w+)\}", choice.label))
     if unknown := named - texts.keys():
@@ -149,8 +150,12 @@ def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> st
     shared = {
         key: value for key, value in each[0].items() if all(one[key] == value for one in each)
     }
-    differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
-    return str(yaml.safe_dump({**shared, "sweep": list(words), "jobs": differing}, sort_keys=False))
+    differing = [
+        {key: value for key, value in one.items() if key not in shared} for one in each
+    ]
+    return str(
+        yaml.safe_dump({**shared, "sweep": list(words), "jobs": differing}, sort_keys=False)
+    )
 
 
 def read_config(path: Path) -> Iterator[Job]:
@@ -179,7 +184,9 @@ def plugin_files(out: Path) -> tuple[str, ...]:
 
 def load_them(files: Iterable[str]) -> str:
     """Return the remedy for those plugin files of a results folder that are not loaded; empty if all are."""
-    words = [word for file in files if not plugins.is_loaded(file) for word in ("--plugin", file)]
+    words = [
+        word for file in files if not plugins.is_loaded(file) for word in ("--plugin", file)
+    ]
     return f"add {shlex.join(words)} if you trust that code" if words else ""
 
 
@@ -193,4 +200,6 @@ def _content(path: Path) -> dict[str, Any]:
         content = read_yaml(regular(path).read_text(encoding="utf-8"))
         if not all(isinstance(one, dict) for one in (content, *content.get("jobs", ()))):
             raise ValueError("it is no run's configuration")
-        return {name: value for name, value in content.items() if name not in ("sweep", "sharing")}
+        return {
+            name: value for name, value in content.items() if name not in ("sweep", "sharing")
+        }

@@ -78,7 +78,9 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
     files = [word for word in words if _is_file(word)]
     for word in words:
-        if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:  # in quotes it is part of a name
+        if (
+            len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1
+        ):  # in quotes it is part of a name
             raise InputError(
                 f"{in_one_line(word)!r}: holds a line break; give each word in one line"
             )
@@ -96,8 +98,12 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     for one in experiments:
         if len(experiments) > 1 or len(one.values) > 1 or not isinstance(one.values[0], str):
             place = files[-1] if files else one.text
-            raise InputError("one experiment at a time", place, "give experiment=NAME, or a file")
-    experiment = files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
+            raise InputError(
+                "one experiment at a time", place, "give experiment=NAME, or a file"
+            )
+    experiment = (
+        files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
+    )
     of_hydra = tuple(word.line for word in groups)
     rest = [word for word in typed if word not in groups]
     has_mode = any(word.key == "hydra.mode" for word in groups)
@@ -173,7 +179,9 @@ def _refuse(asked: Asked) -> None:
             raise InputError("no dataset is named", word.text, remedy)
         if word.is_swept and os.path.exists(value):  # noqa: PTH110 - pathlib's raises OSError for a long list of values
             raise InputError(
-                "is one path with a comma", word.text, f"write {quotes} with both kinds of quotes"
+                "is one path with a comma",
+                word.text,
+                f"write {quotes} with both kinds of quotes",
             )
         if word.is_swept and key in ("metrics", "views") and not value.startswith("["):
             names = ",".join(map(str, word.values)) if word.is_glob else value
@@ -207,7 +215,9 @@ def bare_word(word: str, words: Sequence[str]) -> InputError:
     """Return the fault of a word that has no key, with the command that was probably meant. words: of the command."""
     groups = (*KINDS, "metrics", "study", "hydra", *OPTION_GROUPS)
     if "." in word and word.partition(".")[0] in groups:
-        return InputError("has no value", word, f"an override reads key=value, write {word}=VALUE")
+        return InputError(
+            "has no value", word, f"an override reads key=value, write {word}=VALUE"
+        )
     keys = dict.fromkeys(configs.preset_names("experiment"), "experiment")
     for kind, key in GROUPS.items():
         presets = configs.preset_names(key) if kind != "metric" else []

@@ -11,7 +11,12 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.plugins.options import check_ranges, checked_options, default_values, options_of
+from sucre_bench.plugins.options import (
+    check_ranges,
+    checked_options,
+    default_values,
+    options_of,
+)
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
@@ -92,15 +97,21 @@ class Study:
             except InputError as fault:
                 raise fault.within("study.metrics") from fault
             if variant and split_variant(variant)[0] not in plugin.variants:
-                raise unknown_name("study.metrics", variant, plugin.variants, f"variant of {name}")
+                raise unknown_name(
+                    "study.metrics", variant, plugin.variants, f"variant of {name}"
+                )
         for figure in study.figures:
             if figure not in FIGURES:
                 raise unknown_name("study.figures", figure, FIGURES, "figure")
         group, _, option = study.along.partition(".")
         if study.along and not (option and group in ("degrade", "dataset", "method")):
             wrong = f"'{study.along}' is no option"
-            raise InputError(wrong, "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
-        if group == "degrade" and option not in (known := [f.name for f in fields(Degradation)]):
+            raise InputError(
+                wrong, "study.along", "give degrade.NAME, dataset.NAME or method.NAME"
+            )
+        if group == "degrade" and option not in (
+            known := [f.name for f in fields(Degradation)]
+        ):
             raise unknown_name("study.along", option, known, "option of degrade")
         return study
 
@@ -116,7 +127,11 @@ class Tracking:
 
 
 # The options of a run that stand behind a word and a dot.
-OPTION_GROUPS: dict[str, type[Any]] = {"degrade": Degradation, "shard": Shard, "tracking": Tracking}
+OPTION_GROUPS: dict[str, type[Any]] = {
+    "degrade": Degradation,
+    "shard": Shard,
+    "tracking": Tracking,
+}
 
 Overwrite = Literal["missing", "failed", "always", "never"]
 Colours = Literal["srgb", "stored"]
@@ -190,9 +205,16 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(
-            self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)"
+            self,
+            "",
+            every="[1, inf)",
+            first="[1, inf)",
+            replicate="[0, inf)",
+            pairs_gb="[0, inf)",
         )
-        check_ranges(self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
+        check_ranges(
+            self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)"
+        )
         if self.bits not in (8, 16):
             raise InputError(f"{self.bits}", "bits", "give bits=8 or bits=16")
 

@@ -91,7 +91,9 @@ class Posed:
 
 
 # A row of either file, before it is checked.
-_CameraRow = tuple[int, str, int, int, tuple[float, ...]]  # id, model, width, height, parameters
+_CameraRow = tuple[
+    int, str, int, int, tuple[float, ...]
+]  # id, model, width, height, parameters
 _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera id, name
 _Row = TypeVar("_Row")
 
@@ -111,8 +113,12 @@ def read_model(
     Raises InputError if there is no model, if it cannot be read or is empty. Also if a camera is distorted and not
     accepted, of an unknown model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
-    places = [(folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")]
-    pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)
+    places = [
+        (folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")
+    ]
+    pairs = (
+        (folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places
+    )
     found = next((pair for pair in pairs if pair[0].is_file() and pair[1].is_file()), None)
     if found is None:
         kind, fault = (
@@ -126,7 +132,11 @@ def read_model(
             "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR",
         )
     cameras_file, images_file = found
-    paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
+    paths = {
+        "image": images,
+        "input": cameras_file.parent,
+        "output": sparse.parent / "undistorted",
+    }
     given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
     undistort = f"colmap image_undistorter {given} --output_type COLMAP"
     cameras = _read_cameras(
@@ -154,7 +164,9 @@ def read_model(
         posed[name] = Posed(name, camera, _rigid(pose, place), distortion)
     if not posed:
         raise InputError(
-            "no image is registered", images_file, "run 'colmap mapper' on more, overlapping images"
+            "no image is registered",
+            images_file,
+            "run 'colmap mapper' on more, overlapping images",
         )
     if not keep_names:
         posed = _named_as_files(posed, images)
@@ -181,7 +193,9 @@ def _named_as_files(posed: dict[str, Posed], images: Path) -> dict[str, Posed]:
                 "keep the folders of the images that the model names",
             )
         named[file] = replace(one, name=file)
-    moved = next((name for name, file in files.items() if file and (images / file).is_file()), "")
+    moved = next(
+        (name for name, file in files.items() if file and (images / file).is_file()), ""
+    )
     if moved:
         say(
             f"{images}: the model's images are found by the end of their paths: '{moved}' is {files[moved]}"
@@ -378,7 +392,9 @@ def registered_scene(
     wrong = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
     of = f"of the model's {len(paths)} images"
     if len(wrong) == len(paths):
-        raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
+        raise MissingFileError(
+            f"none {of} is there", next(iter(paths.values())), "copy them there"
+        )
     missing = [name for name, fault in wrong.items() if fault == NO_FILE]
     no_views = set(missing[1:]) if len(missing) > _MOST_MISSING else set[str]()
     remedies = {
@@ -391,7 +407,8 @@ def registered_scene(
         if name not in no_views
     }
     sizes = {
-        posed.name: (posed.name not in wrong and image_size(paths[posed.name])) or posed.camera.size
+        posed.name: (posed.name not in wrong and image_size(paths[posed.name]))
+        or posed.camera.size
         for posed in track(model, "image sizes")
     }
     found = find_depths(depths, list(paths))

@@ -24,7 +24,9 @@ def published_charts() -> dict[str, tuple[Chart, ...]]:
 
     A chart's name is its number in the table: of the same chart in each of four images where that was checked.
     """
-    lines = files(__package__).joinpath("d5_charts.csv").read_text(encoding="utf-8").splitlines()
+    lines = (
+        files(__package__).joinpath("d5_charts.csv").read_text(encoding="utf-8").splitlines()
+    )
     found: dict[str, tuple[Chart, ...]] = {}
     for row in csv.DictReader(line for line in lines if not line.startswith("#")):
         patches = np.array([[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(1, 5)])

@@ -58,7 +58,9 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
     nearest: dict[str, str] = {}
     for name in names if there else ():
         image = PurePosixPath(name)
-        places = dict.fromkeys(("" if (parent := str(image.parent)) == "." else f"{parent}/", ""))
+        places = dict.fromkeys(
+            ("" if (parent := str(image.parent)) == "." else f"{parent}/", "")
+        )
         # the closest name first
         stems = (
             image.name,
@@ -86,7 +88,9 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
             continue  # it is the map of another image
         if len(owners) > 1:
             fault = f"may belong to {owners[0]} or {owners[1]}"
-            found[name] = f"{maps[0]}: {fault}; put depth maps into sub-folders as the images are"
+            found[name] = (
+                f"{maps[0]}: {fault}; put depth maps into sub-folders as the images are"
+            )
         elif one := only(maps):
             found[name] = one
     return found
@@ -94,7 +98,9 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
 
 def depth_suffix(name: str) -> str:
     """Return the suffix by which a file's name is taken for a depth map's, as it is written; empty if there is none."""
-    return next((name[-len(suffix) :] for suffix in _READERS if name.lower().endswith(suffix)), "")
+    return next(
+        (name[-len(suffix) :] for suffix in _READERS if name.lower().endswith(suffix)), ""
+    )
 
 
 def read_depth(path: Path, unit: float | None = None) -> Array:
@@ -222,7 +228,13 @@ def _read_tiff(path: Path) -> np.ndarray:
             return _read_picture(path)  # a compression for which tifffile needs another package
 
 
-_DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
+_DEPTH = (
+    "Z",
+    "V",
+    "Y",
+    "depth",
+    "R",
+)  # channels that programs store depth in, the likeliest first
 
 
 def _read_exr(path: Path) -> Array:
@@ -243,7 +255,9 @@ def _read_exr(path: Path) -> Array:
             raise ValueError("its size")
         check_pixels(path, (most - least + 1).tolist(), channels=4)
         with exr.File(str(path), separate_channels=True) as file:
-            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            channels = {
+                name: np.array(channel.pixels) for name, channel in file.channels().items()
+            }
     name = (
         next(iter(channels))
         if len(channels) == 1

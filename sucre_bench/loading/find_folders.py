@@ -75,7 +75,9 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
         )
 
     seen = set()
-    of_system = {Path(place).stat().st_dev for place in ("/proc", "/sys") if os.path.ismount(place)}
+    of_system = {
+        Path(place).stat().st_dev for place in ("/proc", "/sys") if os.path.ismount(place)
+    }
     for place, below, names in os.walk(root, onerror=unlisted, followlinks=True):
         folder = Path(place)
         status = folder.stat()
@@ -180,7 +182,9 @@ def check_images(named: Iterable[tuple[str, str, str]]) -> None:
     for place, name, fault in named:
         if name in owners:
             raise InputError(
-                f"has the image {name}, as {owners[name]} has", place, "give it an image of its own"
+                f"has the image {name}, as {owners[name]} has",
+                place,
+                "give it an image of its own",
             )
         owners[name] = place
         faults.append(fault)
@@ -216,7 +220,9 @@ def without_zeros(stem: str) -> str:
 
 def _common_start(words: Iterable[str]) -> str:
     alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*words, strict=False))
-    return "".join(letters[0] for letters in alike).rstrip(string.ascii_lowercase + string.digits)
+    return "".join(letters[0] for letters in alike).rstrip(
+        string.ascii_lowercase + string.digits
+    )
 
 
 def inner_path(name: str) -> str:
@@ -236,7 +242,9 @@ def _best(wanted: list[str], files: Iterable[str]) -> list[str]:
         folders = list(
             zip(reversed(wanted[:-1]), reversed(_parts(file.lower())[:-1]), strict=False)
         )
-        agree = next((i for i, (one, other) in enumerate(folders) if one != other), len(folders))
+        agree = next(
+            (i for i, (one, other) in enumerate(folders) if one != other), len(folders)
+        )
         whole = len(_parts(file)) == len(wanted)
         ranked[agree, whole and agree == len(wanted) - 1].append(file)
     return sorted(ranked[max(ranked)]) if ranked else []

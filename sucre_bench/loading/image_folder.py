@@ -33,7 +33,9 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
             if subfolders and not name.startswith(".") and (place / name).resolve() != but
         ]
         images = (
-            name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith(".")
+            name
+            for name in names
+            if name.lower().endswith(SUFFIXES) and not name.startswith(".")
         )
         found += [(place / name).relative_to(folder).as_posix() for name in images]
     if wrong := [name for name in found if not is_utf8(name)]:
@@ -53,7 +55,9 @@ def no_image(
             what = f"{path.name} is in a format that sucre_bench does not read"
             remedy = frames_of(path) or EXPORT
             return InputError(what, place or folder, remedy)
-    return InputError(fault or f"holds no image ({' '.join(SUFFIXES)})", place or folder, remedy)
+    return InputError(
+        fault or f"holds no image ({' '.join(SUFFIXES)})", place or folder, remedy
+    )
 
 
 def image_folder_scene(

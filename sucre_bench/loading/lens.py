@@ -68,7 +68,8 @@ class Lens:
     def _pinhole(self) -> Camera | str:
         K, width, height = self.camera.K, self.camera.width, self.camera.height
         u, v = (
-            a.ravel() for a in np.meshgrid(np.linspace(0, width, 33), np.linspace(0, height, 33))
+            a.ravel()
+            for a in np.meshgrid(np.linspace(0, width, 33), np.linspace(0, height, 33))
         )
         sides = np.stack([u == 0, u == width, v == 0, v == height])
         edge = sides.any(axis=0)
@@ -152,7 +153,9 @@ class Lens:
         moves = [np.array(move)[:, None] for move in ((0, 0), (h, 0), (0, h))]
         with np.errstate(all="ignore"):
             for _ in range(25):
-                here, right, below = (np.stack(self.bent(*self._ray(at + move))) for move in moves)
+                here, right, below = (
+                    np.stack(self.bent(*self._ray(at + move))) for move in moves
+                )
                 ex, ey = wanted - here
                 (ax, ay), (bx, by) = (right - here) / h, (below - here) / h
                 turn = ax * by - bx * ay
@@ -309,7 +312,8 @@ def read_kalibr(path: Path, size: Size) -> Lens:
         if kind[0] != "pinhole" or kind[1] not in _MODELS:
             raise ValueError(f"{kind[0]} with {kind[1]} distortion is not known here")
         if not (
-            np.isfinite([x, y, *coefficients]).all() and min(focal_x, focal_y, width, height) > 0
+            np.isfinite([x, y, *coefficients]).all()
+            and min(focal_x, focal_y, width, height) > 0
         ):
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
     while coefficients and coefficients[-1] == 0:
@@ -321,7 +325,9 @@ def read_kalibr(path: Path, size: Size) -> Lens:
 def _report(text: str) -> dict[str, Any]:
     """Return the report's camera in the camchain's form."""
     found = {
-        name: match[1] for name, pattern in _REPORT.items() if (match := re.search(pattern, text))
+        name: match[1]
+        for name, pattern in _REPORT.items()
+        if (match := re.search(pattern, text))
     }
     numbers = {
         name: found[name].replace(",", " ").split()

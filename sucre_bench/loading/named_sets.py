@@ -29,7 +29,10 @@ from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.text_formats import first_few
 
-_SAME, _ALIKE = 24, 60  # bits in which the same picture may differ, and what a method made of it
+_SAME, _ALIKE = (
+    24,
+    60,
+)  # bits in which the same picture may differ, and what a method made of it
 _COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
 _SIDE, _FREQUENCIES = 64, 16
 _HEAD = ("name", "other_names", "width", "height", "image", "reference")
@@ -119,9 +122,12 @@ class NamedSet:
 def named_sets() -> Mapping[str, NamedSet]:
     """Return the shipped sets by name."""
     tables = sorted(
-        (file for file in files(__package__).joinpath("sets").iterdir()), key=lambda file: file.name
+        (file for file in files(__package__).joinpath("sets").iterdir()),
+        key=lambda file: file.name,
     )
-    texts = {table.name.removesuffix(".csv"): table.read_text(encoding="utf-8") for table in tables}
+    texts = {
+        table.name.removesuffix(".csv"): table.read_text(encoding="utf-8") for table in tables
+    }
     return {name: _parsed(name, name, text) for name, text in texts.items()}
 
 
@@ -145,16 +151,22 @@ def _parsed(name: str, place: str, text: str) -> NamedSet:
         )
     )
     if not rows or not set(_HEAD) <= set(rows[0]):
-        raise InputError("is no table of a test set", place, f"give the columns {', '.join(_HEAD)}")
+        raise InputError(
+            "is no table of a test set", place, f"give the columns {', '.join(_HEAD)}"
+        )
     if twice := [key for key, n in Counter(row["name"] for row in rows).items() if n > 1]:
-        raise InputError(f"names {first_few(twice, _SHOWN)} twice", place, "keep one row a picture")
+        raise InputError(
+            f"names {first_few(twice, _SHOWN)} twice", place, "keep one row a picture"
+        )
     members = []
     for row in rows:
         at = Path(f"{place}: size or print of '{row['name']}'")
         with reading(at, "write the table again with `sucre-bench describe --write-set`"):
             prints = (_print_in(row[column]) for column in ("image", "reference"))
             size = (int(row["width"]), int(row["height"])) if row["width"] else None
-            members.append(Member(row["name"], tuple(row["other_names"].split()), size, *prints))
+            members.append(
+                Member(row["name"], tuple(row["other_names"].split()), size, *prints)
+            )
     return NamedSet(
         name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT}
     )
@@ -278,7 +290,9 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
     changed = tuple(
         names[i] for i, k in pairs.items() if bits[i, k] > _SAME or off[i, k] > _COLOURS
     )
-    stems = {_stem(member.name): k for k, member in enumerate(members) if _prints(member, of) == []}
+    stems = {
+        _stem(member.name): k for k, member in enumerate(members) if _prints(member, of) == []
+    }
     free = [i for i in range(len(names)) if i not in pairs]
     named_alike = {i: stems[_stem(names[i])] for i in free if _stem(names[i]) in stems}
     pairs |= named_alike
@@ -347,7 +361,9 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     """
     named = named_set(split)
     by_stem = {_stem(image): image for image in images}
-    likely = [by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem]
+    likely = [
+        by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem
+    ]
     chosen = images if len(likely) < len(named.members) else likely
     pictures = {}
     for image in track(chosen, f"looking for {split}"):
@@ -402,7 +418,9 @@ def recognised_sets(pictures: Mapping[str, Picture]) -> tuple[list[Found], list[
         else:
             found.append(one)
     found.sort(
-        key=lambda one: -len(one.members) / (one.pictures + len(one.of.members) - len(one.members))
+        key=lambda one: (
+            -len(one.members) / (one.pictures + len(one.of.members) - len(one.members))
+        )
     )
     parents = {one.of.of for one in found[:1]}
     lines = defaultdict[str, list[str]](list)

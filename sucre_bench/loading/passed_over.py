@@ -96,7 +96,9 @@ def say_passed_over(
         files = _files(folder, stems)
         if not _MODEL & {path.name for path in files}:
             found.update((folder, _kind(path)) for path in files if path not in known)
-    others = sorted(path for path in root.absolute().iterdir() if path.is_dir()) if beside else []
+    others = (
+        sorted(path for path in root.absolute().iterdir() if path.is_dir()) if beside else []
+    )
     for folder in others:
         if folder.name != _OURS and not any(folder in (one, *one.parents) for one in folders):
             kinds = (*SUFFIXES, *OTHER_FORMATS, *VIDEOS, *DEPTH_SUFFIXES, *_TABLES)
@@ -112,7 +114,9 @@ def say_passed_over(
     kinds_found = {kind for _, kind in found}
     remedies = [EXPORT] if kinds_found & {*OTHER_FORMATS} else []
     remedies += [f"{FRAMES} reads a video"] if kinds_found & {*VIDEOS} else []
-    line = f"{root}: not read: {', '.join(counts)}" + "".join(f"; {remedy}" for remedy in remedies)
+    line = f"{root}: not read: {', '.join(counts)}" + "".join(
+        f"; {remedy}" for remedy in remedies
+    )
     if is_watched() and line not in _said:
         _said.add(line)
         say(line)
@@ -126,7 +130,9 @@ def _files(folder: Path, stems: Collection[str] = ()) -> list[Path]:
         return path.suffix.lower() in _NOTES and not is_named
 
     there = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [path for path in there if path.is_file() and path.name[0] != "." and not is_note(path)]
+    return [
+        path for path in there if path.is_file() and path.name[0] != "." and not is_note(path)
+    ]
 
 
 def _kind(path: Path) -> str:

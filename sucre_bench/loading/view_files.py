@@ -102,7 +102,9 @@ def source_files(view: View) -> Iterator[Path]:
         if pixels is None:
             return
     yield from (
-        path for path in (pixels.image, pixels.depth, pixels.reference) if isinstance(path, Path)
+        path
+        for path in (pixels.image, pixels.depth, pixels.reference)
+        if isinstance(path, Path)
     )
 
 
@@ -140,7 +142,9 @@ class Photograph:
     fault: str = ""
 
 
-def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
+def view_of(
+    photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma"
+) -> View:
     """Return the view of a photograph, undistorted when it is decoded. Reads the image's header.
 
     A wrong image size becomes a fault of the view. Raises InputError if no pinhole image can be made with the lens, or
@@ -150,7 +154,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
     if lens is not None and distorts and lens.fault:
         raise InputError(
-            f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before"
+            f"{lens.fault} (coefficients {lens.coefficients})",
+            image,
+            "undistort the images before",
         )
     straight = None
     if lens is not None:
@@ -167,7 +173,10 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
         check_pixels(image, size)
     except InputError as wrong_size:
         fault = fault or str(wrong_size)
-        size = undistorted or (1, 1)  # what else is read of the view must not take on a forged size
+        size = undistorted or (
+            1,
+            1,
+        )  # what else is read of the view must not take on a forged size
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
@@ -178,7 +187,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     planes = (image, (width, height), photograph.depth, photograph.reference)
     files = Files(*planes, read, bent, depth_lens, photograph.read_image, fault)
     place = f"{photograph.charts_file or image}: {photograph.name}"
-    charts = tuple(_seen(chart, place, size, bent, (width, height)) for chart in photograph.charts)
+    charts = tuple(
+        _seen(chart, place, size, bent, (width, height)) for chart in photograph.charts
+    )
     return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
 
 
@@ -256,7 +267,9 @@ def data_id_of(views: Sequence[View], *more: object) -> str:
         pose = None if view.cam_from_world is None else view.cam_from_world.tolist()
         lenses: list[object] = [] if view.pixels.lens is None else [view.pixels.lens.identity]
         lenses += (
-            [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
+            []
+            if view.pixels.depth_lens is None
+            else [("depth", view.pixels.depth_lens.identity)]
         )
         digest.update(
             repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses))).encode()

@@ -31,7 +31,9 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 @contextmanager
-def waited_lock(path: Path, patience_s: float = -1, silent_s: float = _SILENT_S) -> Iterator[None]:
+def waited_lock(
+    path: Path, patience_s: float = -1, silent_s: float = _SILENT_S
+) -> Iterator[None]:
     """Hold a lock file in this block. After `silent_s` of waiting, say so, and how to go on.
 
     patience_s: how long to wait from then on before InputError is raised; -1: for ever.

@@ -59,7 +59,9 @@ FRAMES = "`ffmpeg -i VIDEO -vf fps=2 -qscale:v 2 FRAMES/%05d.jpg`"  # two pictur
 
 def frames_of(path: Path | str) -> str:
     """Return the remedy where a video is given for pictures; empty for any other file."""
-    return f"take the video's frames with {FRAMES}" if str(path).lower().endswith(VIDEOS) else ""
+    return (
+        f"take the video's frames with {FRAMES}" if str(path).lower().endswith(VIDEOS) else ""
+    )
 
 
 def expanded(path: str | Path) -> Path:
@@ -94,7 +96,9 @@ def regular(path: Path, remedy: str = "") -> Path:
         said = f"cannot be read, {getattr(fault, 'strerror', fault)}"
         raise NotAFileError(said, path, "give another file") from fault
     if not stat.S_ISREG(mode):
-        raise NotAFileError(f"is {_KINDS.get(stat.S_IFMT(mode), 'a device')}", path, "give a file")
+        raise NotAFileError(
+            f"is {_KINDS.get(stat.S_IFMT(mode), 'a device')}", path, "give a file"
+        )
     return path
 
 
@@ -176,7 +180,9 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     with writing(path):
         try:
             if path.exists() and not (path.is_file() or path.is_dir()):
-                raise OutputError("is a device or a pipe, no file", path, "choose another place")
+                raise OutputError(
+                    "is a device or a pipe, no file", path, "choose another place"
+                )
             path.parent.mkdir(parents=True, exist_ok=True)
             _remove_leftovers(path.parent.absolute())
             with interrupts_held_back():
@@ -261,7 +267,9 @@ ENDINGS: Mapping[str, tuple[str, ...]] = {
 RESULTS_MARK = "environment.json"
 
 
-def check_output(path: Path, kind: str, inputs: Iterable[Path] = (), force: bool = False) -> None:
+def check_output(
+    path: Path, kind: str, inputs: Iterable[Path] = (), force: bool = False
+) -> None:
     """Raise InputError if a command must not write to a path.
 
     kind: a key of `ENDINGS`, one of which the name must have, in small or capital letters; inputs: the files that the

@@ -122,7 +122,9 @@ def isolated_children() -> Iterator[None]:
 def environment_of_programs() -> dict[str, str]:
     """Return the environment for a program of the user's, which may import what lies beside it."""
     return {
-        name: value for name, value in os.environ.items() if (name, value) != (_SAFE_PATH, _OURS)
+        name: value
+        for name, value in os.environ.items()
+        if (name, value) != (_SAFE_PATH, _OURS)
     }
 
 
@@ -141,7 +143,9 @@ def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
 _HEAD = struct.Struct("!i")  # of a message of multiprocessing's pipes: its length
-_MOST_BYTES = 1 << 28  # of a message; text that a plugin writes into the pipe reads as a longer one
+_MOST_BYTES = (
+    1 << 28
+)  # of a message; text that a plugin writes into the pipe reads as a longer one
 
 # How a forked process reports its steps, the faults of those that it must leave out, its folder and its present step.
 _reporting: tuple[Send, Mapping[str, Exception], str, str] | None = None
@@ -189,7 +193,9 @@ class Forked:
     not; result, fault: what `work` returned, or raised.
     """
 
-    def __init__(self, work: Work, faults: Mapping[str, Exception] = MappingProxyType({})) -> None:
+    def __init__(
+        self, work: Work, faults: Mapping[str, Exception] = MappingProxyType({})
+    ) -> None:
         self.step, self.how, self.has_ended = "", "", False
         self.result: Any = None
         self.fault: BaseException | None = None
@@ -207,7 +213,9 @@ class Forked:
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         sending.close()
-        os.set_blocking(self.messages.fileno(), False)  # half a message must not hold this process
+        os.set_blocking(
+            self.messages.fileno(), False
+        )  # half a message must not hold this process
 
     @property
     def is_late(self) -> bool:
@@ -380,7 +388,9 @@ def _work_in_child(
         for number, name in ((1, "stdout"), (2, "stderr")):
             raw = io.BufferedWriter(_ToParent(send, number, name))
             setattr(
-                sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True)
+                sys,
+                name,
+                io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True),
             )
         _reporting = send, faults, str(Path.cwd()), ""
         with progress.watched_by(lambda *event: send("progress", *event)):

@@ -76,12 +76,17 @@ def requirements() -> Mapping[str, tuple[Requirement, str]]:
     """Return what sucre_bench needs, by name in the package index, each with its extra, "" for the core."""
     try:
         lines = importlib.metadata.requires("sucre-bench") or []
-    except importlib.metadata.PackageNotFoundError:  # run from its files, without an installation
+    except (
+        importlib.metadata.PackageNotFoundError
+    ):  # run from its files, without an installation
         lines = []
     needed = {}
     for line in lines:
         one, found = Requirement(line), re.search(r"extra == .(\w+)", line)
-        if one.name != "sucre-bench" and (extra := found[1] if found else "") not in _OF_DEVELOPERS:
+        if (
+            one.name != "sucre-bench"
+            and (extra := found[1] if found else "") not in _OF_DEVELOPERS
+        ):
             needed[one.name] = one, extra
     return needed
 
@@ -104,7 +109,9 @@ def absent(*packages: str) -> Absent | None:
         wanted.append(f"'sucre-bench[{extra}]'" if extra else bounded)
     if not faults:
         return None
-    return Absent(", ".join(faults), f"pip install {' '.join(dict.fromkeys(wanted))}", all(extras))
+    return Absent(
+        ", ".join(faults), f"pip install {' '.join(dict.fromkeys(wanted))}", all(extras)
+    )
 
 
 def _is_found(package: str) -> bool:
@@ -130,7 +137,9 @@ def load(place: str, package: str) -> Any:
         return importlib.import_module(package)
     except (ImportError, OSError) as fault:
         remedy = "`sucre-bench doctor` says what to install"
-        raise InputError(f"{package} does not import, {one_line(fault)}", place, remedy) from fault
+        raise InputError(
+            f"{package} does not import, {one_line(fault)}", place, remedy
+        ) from fault
 
 
 # -- environment.json ----------------------------------------------------------------------------------------
@@ -148,7 +157,8 @@ def write(path: Path, command: list[str], seed: int, data: dict[str, str]) -> No
     if sys.platform == "linux":
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         processor = next(
-            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), ""
+            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
+            "",
         )
     content = {
         "command": command,
@@ -158,7 +168,9 @@ def write(path: Path, command: list[str], seed: int, data: dict[str, str]) -> No
         "seed": seed,
         "data": data,
         "python": platform.python_version(),
-        "packages": {name: version_of(name) for name in sorted(requirements()) if version_of(name)},
+        "packages": {
+            name: version_of(name) for name in sorted(requirements()) if version_of(name)
+        },
         "machine": {
             "system": platform.platform(),
             "processor": processor or platform.processor() or platform.machine(),
@@ -250,7 +262,9 @@ def engine_hash() -> str:
     return hash_of(())
 
 
-def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: object = None) -> str:
+def hash_of(
+    places: tuple[Path, ...], libraries: Iterable[str] = (), more: object = None
+) -> str:
     """Return a hash of the engine's numerics and of further code: 12 hex digits.
 
     places: Python files, or folders of them; libraries: import names whose versions count too; more: anything else

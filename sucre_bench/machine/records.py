@@ -76,7 +76,9 @@ def stored_record(file: Path) -> dict[str, Any]:
 
 def records_above(path: Path) -> Path | None:
     """Return the nearest records in the folders above a file or folder; None without, or if the folder has its own."""
-    nearest = next((folder for folder in (path, *path.parents) if is_file(folder / RECORDS)), path)
+    nearest = next(
+        (folder for folder in (path, *path.parents) if is_file(folder / RECORDS)), path
+    )
     return None if nearest == path else nearest / RECORDS
 
 

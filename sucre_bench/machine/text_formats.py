@@ -97,7 +97,9 @@ def masked(text: str) -> str:
     >>> masked("postgresql://me:secret@host/runs?token=abc")
     'postgresql://***@host/runs?token=***'
     """
-    return _ADDRESS.sub(lambda found: _VALUE.sub(r"\1***", _USER.sub("://***@", found[0])), text)
+    return _ADDRESS.sub(
+        lambda found: _VALUE.sub(r"\1***", _USER.sub("://***@", found[0])), text
+    )
 
 
 def keep_traceback(log: Path | None, where: str) -> None:

@@ -152,7 +152,11 @@ def _patches(surface: Surface, other: View) -> CommonPoints | None:
         return None
     kept = np.flatnonzero(np.isin(patch, chosen))
     number = np.searchsorted(chosen, patch[kept]).astype(np.int32)
-    pixels, others, distance = matches.pixels[kept], matches.others[kept], matches.distance[kept]
+    pixels, others, distance = (
+        matches.pixels[kept],
+        matches.others[kept],
+        matches.distance[kept],
+    )
     at = np.zeros(surface.camera.height * surface.camera.width, dtype=np.int64)
     at[surface.pixels] = np.arange(len(surface.pixels))
     points = surface.points[:, at[pixels]].astype(np.float64)

@@ -136,7 +136,9 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
     step = np.arange(-_HALF, _HALF + 1)
     v, u = (grid.ravel() for grid in np.meshgrid(step, step, indexing="ij"))
     inside = (x >= _HALF) & (x < width - _HALF) & (y >= _HALF) & (y < height - _HALF)
-    around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
+    around = target.depth[
+        (y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)
+    ]
     known = inside & (around > 0).all(axis=1)
     here = 1 / surface.points[2].astype(np.float64)
     # (P, 25)
@@ -150,7 +152,8 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
     depth = surface.points[2].astype(np.float64)
     # X = K^-1 (u, v, 1) d, and d' = -d^2 (1 / d)'
     return [
-        K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)
+        K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis])
+        for axis in range(2)
     ]
 
 
@@ -207,8 +210,12 @@ def _land(
         (steps[:2] - rays[:, :, None] * steps[2]) / points[2][:, None],
     )
     is_seen = np.abs(np.linalg.det(A)) > 1e-6  # a plane seen from its edge has no area
-    landing = _Landing(view, matches, places, at.T, points[2], A, np.zeros_like(at.T)).only(is_seen)
-    slope = np.linalg.solve(landing.to_view.swapaxes(1, 2), steps[2][is_seen][..., None])[..., 0]
+    landing = _Landing(view, matches, places, at.T, points[2], A, np.zeros_like(at.T)).only(
+        is_seen
+    )
+    slope = np.linalg.solve(landing.to_view.swapaxes(1, 2), steps[2][is_seen][..., None])[
+        ..., 0
+    ]
     return replace(landing, slope=slope)
 
 
@@ -222,12 +229,16 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     S = S[usable]
     least = variances[usable, 0]
     view = landing.view
-    rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
+    rgb = (
+        srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
+    )
     colour, share = (
         np.full((len(S), 3), np.nan, dtype=np.float32),
         np.zeros(len(S), dtype=np.float32),
     )
-    levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
+    levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(
+        np.int64
+    )
     uncut = np.array(view.depth, np.float32)
     white = view.rgb >= _WHITE
     is_full = white.mean(axis=(0, 1)) >= _MOSTLY

@@ -39,7 +39,11 @@ def mutual(
     frames.
     """
     n = int((ranges[:, 1] - ranges[:, 0]).sum())
-    found, others, distance = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.float32)
+    found, others, distance = (
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
+        np.empty(n, np.float32),
+    )
     there, back = _rows(camera.K @ to_view[:3]), _rows(target.K @ to_target[:3])
     rays = _rows(np.linalg.inv(camera.K))
     size = target.size
@@ -99,12 +103,16 @@ def _pair(
                 y = np.floor(
                     (there[1][0] * X + there[1][1] * Y + there[1][2] * Z + there[1][3]) * s
                 )
-                is_inside = (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)  # NaN is not
+                is_inside = (
+                    (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
+                )  # NaN is not
                 u[i] = x if is_inside else none
                 v[i] = y
             for i in range(m):
                 landed[i] = (
-                    np.int32(v[i]) * np.int32(depth.shape[1]) + np.int32(u[i]) if u[i] >= 0 else 0
+                    np.int32(v[i]) * np.int32(depth.shape[1]) + np.int32(u[i])
+                    if u[i] >= 0
+                    else 0
                 )
             for i in range(m):
                 d[i] = flat[np.uint32(landed[i])]
@@ -114,8 +122,12 @@ def _pair(
                 Y = (rays[1][0] * x + rays[1][1] * y + rays[1][2]) * d[i]
                 w = back[2][0] * X + back[2][1] * Y + back[2][2] * d[i] + back[2][3]
                 s = one / w
-                x = np.floor((back[0][0] * X + back[0][1] * Y + back[0][2] * d[i] + back[0][3]) * s)
-                y = np.floor((back[1][0] * X + back[1][1] * Y + back[1][2] * d[i] + back[1][3]) * s)
+                x = np.floor(
+                    (back[0][0] * X + back[0][1] * Y + back[0][2] * d[i] + back[0][3]) * s
+                )
+                y = np.floor(
+                    (back[1][0] * X + back[1][1] * Y + back[1][2] * d[i] + back[1][3]) * s
+                )
                 is_inside = (
                     (u[i] >= 0)
                     & (d[i] > 0)

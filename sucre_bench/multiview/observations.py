@@ -69,7 +69,11 @@ class Observations:
     @property
     def n_excess(self) -> int:
         """Observations minus pixels; those of weight 0 do not count. With weights of channels, the fewest of any."""
-        n = len(self) if self.weight is None else int(np.count_nonzero(self.weight, axis=-1).min())
+        n = (
+            len(self)
+            if self.weight is None
+            else int(np.count_nonzero(self.weight, axis=-1).min())
+        )
         return n - len(self.pixels)
 
     @property
@@ -262,7 +266,10 @@ def arrange(
     # pixels with more than k observations, (S,)
     n_more = n_pixels - np.cumsum(np.bincount(counts))[:-1]
     starts = np.concatenate([[0], np.cumsum(n_more)]).astype(np.int64)
-    filled, n = np.zeros(n_pixels, dtype=np.int32), int(starts[-1])  # the next slot of each pixel
+    filled, n = (
+        np.zeros(n_pixels, dtype=np.int32),
+        int(starts[-1]),
+    )  # the next slot of each pixel
     finest = np.result_type(
         np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen)
     )
@@ -283,7 +290,11 @@ def arrange(
         elif colours.dtype != finest:
             colours = (colours / np.float32(_full_scale(colours.dtype))).astype(finest)
         at = np.empty(0 if view is None and ray is None else len(one.pixels), dtype=np.int64)
-        given = (locked(one.pixels), locked(one.distance), locked(np.ascontiguousarray(colours)))
+        given = (
+            locked(one.pixels),
+            locked(one.distance),
+            locked(np.ascontiguousarray(colours)),
+        )
         _fill_in_threads(
             *given, starts, place, filled, at, np.asarray(distance), np.asarray(colour)
         )
@@ -346,7 +357,9 @@ def new_file(
     """Return a new, unfilled array in FOLDER/NAME.npy. Raises OSError if the disk has no room for it."""
     path = folder / f"{name}.npy"
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.dtype(dtype), shape=shape)
-    with path.open("r+b") as file:  # else a full disk would kill the process when a page is written
+    with path.open(
+        "r+b"
+    ) as file:  # else a full disk would kill the process when a page is written
         os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
     return array
 
@@ -356,7 +369,9 @@ class Spool:
 
     def __init__(self, folder: Path) -> None:
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, see close
-        self._parts: list[tuple[str, dict[str, tuple[int, np.dtype[Any], tuple[int, ...]]]]] = []
+        self._parts: list[
+            tuple[str, dict[str, tuple[int, np.dtype[Any], tuple[int, ...]]]]
+        ] = []
 
     def close(self) -> None:
         """Give the file up."""

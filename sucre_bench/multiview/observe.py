@@ -26,7 +26,14 @@ from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_y
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.machine.progress import say, track
-from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, new_file
+from sucre_bench.multiview.observations import (
+    Observations,
+    Seen,
+    Spool,
+    arrange,
+    compact,
+    new_file,
+)
 from sucre_bench.multiview.pairing import (
     Matches,
     Surface,
@@ -137,7 +144,9 @@ def _timed(load: Callable[[], T]) -> tuple[T, float]:
     return load(), time.perf_counter() - began
 
 
-def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Future[T], None, None]:
+def _in_order(
+    work: Callable[[View], T], views: Sequence[View]
+) -> Generator[Future[T], None, None]:
     """Yield the results of a few threads in the order of the views; the threads work only a few views ahead."""
     n_threads = min(usable_cores(), _MOST_THREADS, len(views))
     with ThreadPoolExecutor(n_threads) as pool:
@@ -169,13 +178,13 @@ def _see(
     read_s += time.perf_counter() - began
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
-        sizes = (
-            f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
-        )
+        sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
         raise InputError(
             f"the image is {sizes}", view.name, "use the images that the cameras belong to"
         )
-    matches, colour = colours_at(matches, rgb, encoding == "linear" and view.encoding == "gamma")
+    matches, colour = colours_at(
+        matches, rgb, encoding == "linear" and view.encoding == "gamma"
+    )
     if not len(colour):
         return None, read_s
     ray = rays_at(matches, view.camera) if with_ray else None
@@ -253,6 +262,9 @@ def rays_at(matches: Matches, camera: Camera) -> Array:
     at = matches.at
     if at is None:
         # (M, 2)
-        at = np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5
+        at = (
+            np.stack([matches.others % camera.width, matches.others // camera.width], axis=1)
+            + 0.5
+        )
     K_inv = np.linalg.inv(camera.K)
     return np.asarray(K_inv[:2, :2] @ at.T + K_inv[:2, 2:], dtype=np.float32)

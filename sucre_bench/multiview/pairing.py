@@ -82,7 +82,9 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
     """
     if view.camera is None or view.cam_from_world is None:
         raise InputError(
-            "the view has no camera pose", view.name, "pairing needs one, choose a registered view"
+            "the view has no camera pose",
+            view.name,
+            "pairing needs one, choose a registered view",
         )
     depth = _depth(view, view.camera)
     height, width = depth.shape
@@ -117,10 +119,10 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
 def _depth(view: View, camera: Camera) -> Array:
     depth = view.depth
     if depth.shape != (camera.height, camera.width):
-        sizes = (
-            f"{depth.shape[1]}x{depth.shape[0]}, the camera's image {camera.width}x{camera.height}"
+        sizes = f"{depth.shape[1]}x{depth.shape[0]}, the camera's image {camera.width}x{camera.height}"
+        raise InputError(
+            f"the depth map is {sizes}", view.name, "resample it to the image's size"
         )
-        raise InputError(f"the depth map is {sizes}", view.name, "resample it to the image's size")
     return depth
 
 
@@ -212,7 +214,11 @@ def _may_be_seen(K: Array, size: Indices, pose: Array, corners: Array) -> Mask:
     x, y, z = np.moveaxis(K @ pose[..., :3, :], -2, 0)  # of (x w, y w, w): each (..., 4)
     width, height = size[..., :1], size[..., 1:]
     # (..., 5, 4)
-    half_spaces = np.stack([z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2)
+    half_spaces = np.stack(
+        [z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2
+    )
     # (..., 5, 8, T)
-    values = np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]
+    values = (
+        np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]
+    )
     return np.asarray(~(values < 0).all(axis=-2).any(axis=-2))

@@ -123,7 +123,9 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "") -> Re
     water = restoration.water and _explaining(restoration.water, given.encoding)
     info = dict(restoration.info)
     if "device" in info and not is_utf8(device := str(info["device"])):
-        raise PluginError(f"the method returned the device {device!r}; it must be text in UTF-8")
+        raise PluginError(
+            f"the method returned the device {device!r}; it must be text in UTF-8"
+        )
     if converts:
         image = srgb_decode(image)
         info["converted"] = "encoded (sRGB) for the method, its result decoded"
@@ -162,5 +164,7 @@ class _Encoded:
     def load(self, plane: Plane) -> Array | None:
         values = self.pixels.load(plane)
         return (
-            values if values is None or plane == "depth" else srgb_encode(values).astype(np.float32)
+            values
+            if values is None or plane == "depth"
+            else srgb_encode(values).astype(np.float32)
         )

@@ -78,7 +78,9 @@ def options_of(cls: Any) -> tuple[Option, ...]:
 def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
-    defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
+    defaults = (
+        f.default if f.default_factory is MISSING else f.default_factory() for f in given
+    )
     return tuple(
         Option(f.name, hints[f.name], default, cls)
         for f, default in zip(given, defaults, strict=True)
@@ -228,7 +230,9 @@ def seed_of(seed: int, axis: Kind | Literal["degrade"], replicate: int) -> int:
     if not replicate:
         return seed
     return int(
-        np.random.SeedSequence([seed, zlib.crc32(axis.encode()), replicate]).generate_state(1)[0]
+        np.random.SeedSequence([seed, zlib.crc32(axis.encode()), replicate]).generate_state(1)[
+            0
+        ]
     )
 
 
@@ -332,7 +336,9 @@ def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
         try:
             normalisation(display)
         except InputError as fault:
-            raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
+            raise InputError(
+                f"'{display}' is unknown", "method.display", fault.remedy
+            ) from fault
     if label and not label.strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
     options = checked_options(plugin.cls, values, word)

@@ -222,7 +222,9 @@ def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Cal
     known = NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
     if needs - known:
         raise PluginError(
-            f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known)
+            f"unknown needs {sorted(needs - known)}",
+            kind,
+            did_you_mean(min(needs - known), known),
         )
 
     def attach(cls: _C) -> _C:

@@ -103,7 +103,9 @@ def discover(kind: Kind) -> dict[str, Plugin | Broken]:
 
 def usable(kind: Kind) -> dict[str, Plugin]:
     """Return the plugins of a kind that are not broken, by name, sorted."""
-    return {name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)}
+    return {
+        name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)
+    }
 
 
 def _known(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
@@ -163,7 +165,8 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
         other = found.get(entry.name)
         if other is not None and _where(other) != _where(entry):
             entry = Broken(
-                entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}"
+                entry.name,
+                f"two {kind}s have this name, in {_where(other)} and {_where(entry)}",
             )
         found[entry.name] = entry
     return dict(sorted(found.items()))
@@ -175,7 +178,8 @@ def _defines(module: Path, name: str) -> bool:
     file = module.with_suffix(".py")  # a folder of that name may be left of an older version
     files = [file] if file.is_file() else module.rglob("*.py")
     pattern = re.compile(
-        rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']", re.I | re.M
+        rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']",
+        re.I | re.M,
     )
     return (
         any(pattern.search(file.read_text(encoding="utf-8")) for file in files)
@@ -205,7 +209,9 @@ def _module_of(path: Path) -> ModuleType:
     except BaseException as fault:
         raise_if_stop(fault)
         del sys.modules[module.__name__]
-        raise PluginError(f"does not import, {one_line(fault)}", path, "mend the file") from fault
+        raise PluginError(
+            f"does not import, {one_line(fault)}", path, "mend the file"
+        ) from fault
     if not _plugins_in(module):
         places = sorted({_where(plugin) for plugin in _decorated(module)})
         remedy = "decorate a class with @method, @dataset or @metric"

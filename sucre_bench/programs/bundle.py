@@ -78,7 +78,8 @@ def bundle_results(
             raise InputError(fault, where, "repeat the run's command, which makes it again")
         more = (place.original(folder), place.reference(folder))
         found |= {
-            file.relative_to(folder).as_posix(): file for file in (picture, *filter(is_file, more))
+            file.relative_to(folder).as_posix(): file
+            for file in (picture, *filter(is_file, more))
         }
         if record := record_of(picture):
             name = picture.with_suffix(".json").relative_to(folder).as_posix()
@@ -101,7 +102,9 @@ def bundle_results(
         if pictures != "none"
         else {}
     )
-    lost = {f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))}
+    lost = {
+        f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))
+    }
     options = [json.loads(text) for text in rows["options"].unique()]
     local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
     return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths), lost)
@@ -133,6 +136,10 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
     )
     changes = partial(needs_unrounded, scorer, Restoration(rgb), view)
     try:
-        return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
+        return (
+            processes.call(changes, "mend the metric")
+            if scorer.plugin.is_foreign
+            else changes()
+        )
     except PluginError:
         return True

@@ -56,7 +56,12 @@ _OPTIONAL = {
 }
 _PROGRAMS = {
     "commit in the provenance": ["git"],
-    "tests in a browser": ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
+    "tests in a browser": [
+        "chromium",
+        "chromium-browser",
+        "google-chrome",
+        "google-chrome-stable",
+    ],
 }
 
 _SLURM = ("sbatch", "squeue", "scancel", "srun")
@@ -102,7 +107,9 @@ def examine(out: Path = Path()) -> Examined:
 
     commit, dirty = provenance.source_commit()
     gpu, memory = provenance.gpu(), psutil.virtual_memory()
-    there = next(folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists())
+    there = next(
+        folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists()
+    )
     disk = shutil.disk_usage(there)
     machine = {
         "cores": str(usable_cores()),
@@ -117,11 +124,14 @@ def examine(out: Path = Path()) -> Examined:
     ]
     tries += [partial(_gpu, gpu), _open3d]
     tries += [
-        partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()
+        partial(_packages, name, package, lacking="missing")
+        for name, package in _OPTIONAL.items()
     ]
     if not no_program:
         tries.append(
-            partial(_packages, cluster, "hydra_plugins.hydra_submitit_launcher", lacking="missing")
+            partial(
+                _packages, cluster, "hydra_plugins.hydra_submitit_launcher", lacking="missing"
+            )
         )
     with ThreadPoolExecutor(usable_cores()) as pool:  # each waits for a process that imports
         done = pool.map(lambda examined: examined(), tries)
@@ -158,7 +168,9 @@ def _packages(name: str, *imports: str, lacking: State = "broken") -> Feature:
     works, line = _try(f"import {', '.join(imports)}")
     if not works:
         remedy = _in_this_python(f"pip install --force-reinstall {' '.join(packages)}")
-        return Feature(name, "broken", f"{' or '.join(imports)} does not import: {line}", remedy)
+        return Feature(
+            name, "broken", f"{' or '.join(imports)} does not import: {line}", remedy
+        )
     return Feature(
         name, "ready", ", ".join(f"{package} {version_of(package)}" for package in packages)
     )
@@ -176,10 +188,14 @@ def _gpu(gpu: str | None) -> Feature:
             f"pip install --force-reinstall torch=={version.partition('+')[0]}"
         )
         return Feature(name, "broken", f"torch {version} is built for CPUs alone", remedy)
-    works, line = _try("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
+    works, line = _try(
+        "import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())"
+    )
     if works:
         return Feature(name, "ready", f"torch {version} on {line}")
-    return Feature(name, "broken", f"torch {version} does not see the {gpu}: {line}", "nvidia-smi")
+    return Feature(
+        name, "broken", f"torch {version} does not see the {gpu}: {line}", "nvidia-smi"
+    )
 
 
 def _plugins() -> Feature:

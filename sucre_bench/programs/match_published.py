@@ -179,7 +179,9 @@ def _columns(
         metric = "psnr" if name == _MSE else name
         if lacking := known[metric].needs - has:
             remedy = (
-                "give --reference" if lacking == {"reference"} else "images alone do not have it"
+                "give --reference"
+                if lacking == {"reference"}
+                else "images alone do not have it"
             )
             warnings.append(
                 f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}"
@@ -211,14 +213,20 @@ def _columns(
             white = 255.0**2 if any(cell.value > 1 for cell in cells) else 1.0
         yield Column(metric, header, cells, white)
     if is_none:
-        possible = sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"})
+        possible = sorted(
+            name for name, plugin in known.items() if plugin.needs <= {"reference"}
+        )
         names = f"of {', '.join(named)}; name them as here: {', '.join(possible)}"
-        raise InputError(warnings[0] if warnings else f"{table}: no column is a metric, {names}")
+        raise InputError(
+            warnings[0] if warnings else f"{table}: no column is a metric, {names}"
+        )
 
 
 def _rows(table: str) -> list[Cells]:
     if "=" in table and not Path(table).exists():
-        pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
+        pairs = [
+            word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())
+        ]
         return [{name.strip(): value.strip() for name, _, value in pairs}]
     with reading(
         Path(table), "give a table of published numbers, CSV, Markdown or LaTeX, in UTF-8"
@@ -247,7 +255,11 @@ def _rows(table: str) -> list[Cells]:
 
 def _plain(latex: str) -> str:
     """LaTeX's text without commands: "PSNR$\\uparrow$" and "\\textbf{26.4}" are "PSNR" and "26.4"."""
-    return re.sub(r"\\[a-zA-Z]+\*?|(?<!\\)[{}$]", "", latex).replace(r"\_", "_").replace(r"\%", "%")
+    return (
+        re.sub(r"\\[a-zA-Z]+\*?|(?<!\\)[{}$]", "", latex)
+        .replace(r"\_", "_")
+        .replace(r"\%", "%")
+    )
 
 
 def _read(lines: Sequence[str], delimiter: str) -> list[Cells]:
@@ -256,7 +268,8 @@ def _read(lines: Sequence[str], delimiter: str) -> list[Cells]:
         lines = [line.strip("|") for line in lines if set(line) - set("|:- ")]
     reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
     return [
-        {key.strip(" *`"): row[key].strip(" *`") for key in row if key.strip()} for row in reader
+        {key.strip(" *`"): row[key].strip(" *`") for key in row if key.strip()}
+        for row in reader
     ]
 
 
@@ -328,7 +341,9 @@ def _naming(
     words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
     likely = [header for header in headers if _NAMES & words[header]] or headers
     naming = [
-        header for header in likely if any(known.intersection(_keys(row[header])) for row in rows)
+        header
+        for header in likely
+        if any(known.intersection(_keys(row[header])) for row in rows)
     ]
     is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
 
@@ -398,9 +413,12 @@ def search(
             if stage == "unusual":  # forms of the two nearest variants, of those of every pixel
                 bases = [name for name in plugin.variants if name.endswith("unmasked")]
                 near = {
-                    one.variant.partition("@")[0].removesuffix("-unmasked") for one in several[:2]
+                    one.variant.partition("@")[0].removesuffix("-unmasked")
+                    for one in several[:2]
                 }
-                bases = [name for name in bases if name.removesuffix("-unmasked") in near] or bases
+                bases = [
+                    name for name in bases if name.removesuffix("-unmasked") in near
+                ] or bases
                 of_metric = [
                     f"{metric}:{b}{size}{form}"
                     for b in bases
@@ -452,7 +470,9 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
         for cell in column.cells
     ]
     known = [cell for cell in of_scored if cell.images]
-    published, rounding = np.array([(cell.value, cell.rounding) for cell in known]).reshape(-1, 2).T
+    published, rounding = (
+        np.array([(cell.value, cell.rounding) for cell in known]).reshape(-1, 2).T
+    )
     candidates = []
     for variant, of_views in values.items():
         computed = np.array([of_views[list(cell.images)].mean(skipna=False) for cell in known])
@@ -492,7 +512,9 @@ def answer(
         return f"{column.metric}: no variant has a score of these images."
     numbers = [cell.value for cell in column.cells]
     # Among many forms one may give one or two numbers by chance.
-    usual = [one for one in found if not (one.fits and any(form in one.variant for form in _RARE))]
+    usual = [
+        one for one in found if not (one.fits and any(form in one.variant for form in _RARE))
+    ]
     by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
     best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
@@ -524,7 +546,9 @@ def answer(
     forms = ["".join(f"@{word}" for word in words if word != "y")]
     if base == "gray" and not words:
         forms = ["@256", ""]
-    colours = {f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms}
+    colours = {
+        f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms
+    }
     rgb = next((one for one in found if one.variant in colours), None)
     if rgb and not what.startswith("RGB"):
         text += f"; in RGB it is {rgb.value:.{digits}f}"
@@ -541,7 +565,9 @@ def in_words(metric: str, variant: str, size: Size | None) -> str:
         colours = "Y of YCbCr," if form.change == "y" else "RGB"
         if kind in ("gray", "luma"):
             colours = "gray"
-        window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(kind, "")
+        window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(
+            kind, ""
+        )
         window = " of bytes that wrap around," if kind == "wrapped" else window
         name = f"{colours} {name}{window}"
     else:

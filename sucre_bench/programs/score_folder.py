@@ -89,14 +89,21 @@ def score_folder(
 
     has = frozenset({"reference"} if reference else ())
     applicable = [
-        f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has
+        f"{name}:all"
+        for name, plugin in plugins.usable("metric").items()
+        if plugin.needs <= has
     ]
     names = list(metrics) or applicable
     chosen = metric_choices(names)  # raises for a mistyped name, before any image is read
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
-    reference_of = _references(images, files, reference) if reference else dict[str, Path | str]()
-    read = [*files.values(), *(path for path in reference_of.values() if isinstance(path, Path))]
+    reference_of = (
+        _references(images, files, reference) if reference else dict[str, Path | str]()
+    )
+    read = [
+        *files.values(),
+        *(path for path in reference_of.values() if isinstance(path, Path)),
+    ]
     for folder in (images, reference):
         if folder is not None and folder.is_dir():
             say_passed_over(folder, folders_in(folder), read)
@@ -127,10 +134,14 @@ def score_folder(
             picture = Restoration(rgb, info={"method": label})
             work = partial(score, picture, view, fitting)
             tables.append(
-                processes.call(work, "mend the metric, or leave it out") if is_foreign else work()
+                processes.call(work, "mend the metric, or leave it out")
+                if is_foreign
+                else work()
             )
         except (InputError, PluginError) as fault:
-            failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
+            failed = row_without_value(
+                results.Row(method=label, view=name), "failed", str(fault)
+            )
             tables.append(results.frame([failed]))
     if lossy:
         progress.say(
@@ -148,7 +159,9 @@ def score_folder(
     )
 
 
-def _say_if_of_other_reference(images: Path, outlines: Mapping[str, tuple[Array, Array]]) -> None:
+def _say_if_of_other_reference(
+    images: Path, outlines: Mapping[str, tuple[Array, Array]]
+) -> None:
     """Say how many images are more like another image's reference than like their own. outlines: of both, by name."""
     if len(outlines) < 2:
         return
@@ -217,5 +230,7 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
     for name, paths in found.items():
         stem = PurePosixPath(name).stem
         lack = f"{place / name}: no such reference; give a folder with an image named {stem}"
-        compared_with[name] = only(paths, "give the folder of one of them as --reference") or lack
+        compared_with[name] = (
+            only(paths, "give the folder of one of them as --reference") or lack
+        )
     return compared_with

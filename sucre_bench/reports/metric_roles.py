@@ -9,7 +9,9 @@ from sucre_bench.plugins.plugin import Role
 
 def roles() -> dict[str, Role]:
     """Return the role of each installed metric that has one."""
-    return {name: plugin.role for name, plugin in plugins.usable("metric").items() if plugin.role}
+    return {
+        name: plugin.role for name, plugin in plugins.usable("metric").items() if plugin.role
+    }
 
 
 def metrics_of(*wanted: Role) -> list[str]:

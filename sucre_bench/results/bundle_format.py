@@ -128,7 +128,9 @@ class Bundle:
         path = self.path / SCORES
         content = io.BytesIO(self.read(SCORES))
         with reading(path, "bundle again"):
-            read = pd.read_csv(content, dtype="str", keep_default_na=False, usecols=list(COLUMNS))
+            read = pd.read_csv(
+                content, dtype="str", keep_default_na=False, usecols=list(COLUMNS)
+            )
             # Not by pandas: some of its versions lose the last digits of a number.
             numbers = {name: [float(text or "nan") for text in read[name]] for name in NUMBERS}
             rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
@@ -233,7 +235,8 @@ def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
         or not name.isprintable()
         or "\\" in name
         or ":" in parts[0],
-        "is a link or a folder, not a file": name.endswith("/") or kind not in (0, stat.S_IFREG),
+        "is a link or a folder, not a file": name.endswith("/")
+        or kind not in (0, stat.S_IFREG),
         "leads out of the bundle": any(part in ("", ".", "..") for part in parts),
         "has too long a name": len(name.encode(errors="replace")) > limits.name_bytes,
         "is encrypted": info.flag_bits & 0x1,
@@ -266,4 +269,6 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
             raise ValueError("the size of a file is no whole number of bytes")
         by = str(told["by"])[:200]
         version = str(told["sucre_bench"])[:40]
-    return replace(bundle, id=_id(manifest), by=by, version=version, inside=inside, outside=outside)
+    return replace(
+        bundle, id=_id(manifest), by=by, version=version, inside=inside, outside=outside
+    )

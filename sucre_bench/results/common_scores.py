@@ -91,7 +91,11 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
             remedy = "run that method again with overwrite=always"
             raise InputError(f"is {own}, others are {other}", f"the mask of {name}", remedy)
     common = np.logical_and.reduce([*holed.values()])
-    some = 1.0 if len(holed) < len(masks) else float(np.logical_or.reduce([*holed.values()]).mean())
+    some = (
+        1.0
+        if len(holed) < len(masks)
+        else float(np.logical_or.reduce([*holed.values()]).mean())
+    )
     share = float(common.mean())
     if some - share <= LEAST_DIFFERENCE:
         return CommonPixels(common, share, "equal", "")

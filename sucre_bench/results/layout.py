@@ -126,7 +126,9 @@ def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
     """
     name = PurePosixPath(view)
     if ".." in name.parts or name.is_absolute():
-        raise InputError(f"{view}: a view's name leads out of the output folder; rename the image")
+        raise InputError(
+            f"{view}: a view's name leads out of the output folder; rename the image"
+        )
     folder = PurePosixPath(*map(portable_name, name.parts[:-1]))
     forms = (
         portable_name(name.stem, f"{scene}/{view}"),
@@ -134,5 +136,7 @@ def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
         portable_name(name.stem),
     )
     return tuple(
-        within / folder / form for within in (PurePosixPath(), file_name(scene)) for form in forms
+        within / folder / form
+        for within in (PurePosixPath(), file_name(scene))
+        for form in forms
     )

@@ -40,7 +40,9 @@ from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration, View, Water
 
-FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
+FILES = (
+    "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
+)
 _SHOWN_OVER = "shown_over"
 
 
@@ -105,7 +107,11 @@ def _water_record(water: Water | None) -> dict[str, Any]:
     """A water by the names that `sucre_bench.results.water_file` reads; empty without one."""
     if water is None:
         return {}
-    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    parameters = {
+        "B": water.veiling_light,
+        "beta": water.attenuation,
+        "gamma": water.backscatter,
+    }
     return parameters | {"encoding": water.encoding}
 
 

@@ -228,7 +228,9 @@ def csv_text(table: DataFrame, for_spreadsheets: bool = False) -> str:
     """
     if for_spreadsheets:
         table = table.map(
-            lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+            lambda cell: (
+                f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+            )
         )
     return str(table.to_csv(index=False, lineterminator="\n", float_format=float.__repr__))
 

@@ -109,13 +109,17 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
         try:
             if not out.is_dir():
                 break
-            paths = sorted(path for path in (out / PARTS).iterdir() if path.suffix == ".parquet")
+            paths = sorted(
+                path for path in (out / PARTS).iterdir() if path.suffix == ".parquet"
+            )
         except (FileNotFoundError, NotADirectoryError):
             paths = []
         except OSError as fault:  # rows must not be left out without a word
             raise file_error(out / PARTS, fault, "let this user read it") from fault
         paths.append(out / TABLE)  # last: a merge writes the table before it removes the parts
-        found = {path: rows for path in paths if (rows := _rows_of_file(path, labels)) is not None}
+        found = {
+            path: rows for path in paths if (rows := _rows_of_file(path, labels)) is not None
+        }
         if all(path in found for path in paths[:-1]):
             # else a merge or a job has joined a part just now
             break
@@ -150,9 +154,7 @@ def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None
         raise file_error(path, fault, "let this user read it") from fault
     except (ForbiddenFileError, ImportError):
         raise
-    except (
-        ANY_FAULT
-    ) as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
+    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
         raise _damaged(path, f"{column}: {in_words(fault)}") from fault
     rows = pyarrow.table(read)
     check_values(path, rows)
@@ -175,7 +177,9 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
     import pyarrow
     from pyarrow import compute
 
-    right = {name: compute.is_valid(rows[name]) for name in COLUMNS if name not in _MAY_BE_ABSENT}
+    right = {
+        name: compute.is_valid(rows[name]) for name in COLUMNS if name not in _MAY_BE_ABSENT
+    }
     allowed = {
         "options": [text for text in rows["options"].unique().to_pylist() if _is_object(text)],
         "status": get_args(Status),

@@ -62,7 +62,14 @@ def read_water(path: Path) -> Water | None:
         return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
-    except (OSError, ValueError, TypeError, EOFError, RecursionError, zipfile.BadZipFile) as fault:
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        EOFError,
+        RecursionError,
+        zipfile.BadZipFile,
+    ) as fault:
         raise InputError(
             f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each"
         ) from fault
@@ -112,7 +119,9 @@ def water_of(content: Any, path: Path) -> Water | None:
     triples = []
     for name in _NAMES:
         values = content.get(name)
-        triples.append(np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64))
+        triples.append(
+            np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64)
+        )
         if triples[-1].shape != (3,):
             raise InputError(
                 f"{path}: {name} must be three numbers, red, green and blue; mend it there"

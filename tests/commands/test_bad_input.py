@@ -43,7 +43,9 @@ def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_pa
         write_image(dive / "images" / name, picture(number))
     done = run(bench, dive, METHODS)
     assert done.returncode == 0
-    assert f"skipped  colmap / stitching / 3 views: {Lack(('depth',), ('poses',))}" in done.stdout
+    assert (
+        f"skipped  colmap / stitching / 3 views: {Lack(('depth',), ('poses',))}" in done.stdout
+    )
     assert "3 ok, 0 failed, 3 skipped" in done.stdout
 
 
@@ -73,7 +75,9 @@ def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_pat
     assert set(results.read(tmp_path / "results")["scene"]) == {"dive"}
 
 
-def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench, tmp_path: Path):
+def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(
+    bench, tmp_path: Path
+):
     dive = write_dive(tmp_path / "dive ünï=1,[x]", NAMES)
     assert f"write \"dataset.root='{dive}'\"" in run(bench, dive).stderr
     assert run(bench, f"'{dive}'").returncode == 0
@@ -112,7 +116,9 @@ def test_a_mistake_is_answered_in_one_line_on_stderr(
     done = bench(command, *MISTAKES[command])
     file = GOLDEN / f"{command}.txt"
     # not of every plugin
-    said = re.sub(r"; known: .*|(did you mean '\w+')\? known: (?:\w+, ){9}.*", r"\1", done.stderr)
+    said = re.sub(
+        r"; known: .*|(did you mean '\w+')\? known: (?:\w+, ){9}.*", r"\1", done.stderr
+    )
     if os.environ.get("GOLDEN") == "write":
         file.write_text(said, encoding="utf-8")
     assert (done.returncode, done.stdout) == (2, "")

@@ -45,7 +45,10 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run metrics=psn", ["metrics=psnr"]),
         ("sucre-bench run 'metrics=[psn", ["metrics=[psnr"]),
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr"]),
-        ("sucre-bench run method.phys", ["method.physical="]),  # of the method that runs by default
+        (
+            "sucre-bench run method.phys",
+            ["method.physical="],
+        ),  # of the method that runs by default
         ("sucre-bench run method=sucre_torch method.enc", ["method.encoding="]),  # of a preset
         ("sucre-bench run method=gray_world method.enc", []),
         ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
@@ -97,7 +100,10 @@ def test_experiments_and_folders_of_data_are_completed(
     (tmp_path / "paper.yaml").write_text("every: 4\n")
     assert offered("sucre-bench run pap") == ["paper/", "paper.yaml"]
     assert offered("sucre-bench run ./pap") == ["./paper/", "./paper.yaml"]
-    assert offered("sucre-bench run dataset=./pap") == ["dataset=./paper/", "dataset=./paper.yaml"]
+    assert offered("sucre-bench run dataset=./pap") == [
+        "dataset=./paper/",
+        "dataset=./paper.yaml",
+    ]
 
 
 def test_completion_imports_nothing_heavy():

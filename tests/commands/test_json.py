@@ -41,7 +41,9 @@ def test_json_is_asked_for_alike(bench, toys: str):
     scored = bench("score", "results/restored/toy/gain", "--metrics", "uciqe", "--json").stdout
     assert {row["metric"] for row in json.loads(scored)} >= {"uciqe"}
     for command in ("run", "compare", "score", "list", "describe", "check", "doctor"):
-        assert "--json" in {name for p in commands()[command].params for name in p.opts}, command
+        assert "--json" in {name for p in commands()[command].params for name in p.opts}, (
+            command
+        )
 
 
 def helps() -> list[tuple[str, click.Command]]:

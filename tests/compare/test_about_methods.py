@@ -17,7 +17,9 @@ RNG = np.random.default_rng(4)
 
 def picture() -> np.ndarray:
     return cv2.resize(
-        RNG.integers(0, 255, (9, 12, 3), dtype=np.uint8), (120, 90), interpolation=cv2.INTER_CUBIC
+        RNG.integers(0, 255, (9, 12, 3), dtype=np.uint8),
+        (120, 90),
+        interpolation=cv2.INTER_CUBIC,
     )
 
 
@@ -33,11 +35,16 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
 
     def named(name: str, *of: str) -> NamedSet:
         members = (
-            Member(f"{one}.png", (), None, print_of(pictures[one][..., ::-1]), None) for one in of
+            Member(f"{one}.png", (), None, print_of(pictures[one][..., ::-1]), None)
+            for one in of
         )
         return NamedSet(name, "", "Reef", "", "", "", tuple(members))
 
-    sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
+    sets = {
+        "own": named("own", "c"),
+        "other": named("other", "a", "b"),
+        "more": named("more", "c"),
+    }
     sets["names"] = NamedSet(
         "names", "", "Names", "", "", "", (Member("a.png", (), None, None, None),)
     )

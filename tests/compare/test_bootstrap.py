@@ -33,7 +33,9 @@ def test_the_interval_of_a_mean_misses_it_once_in_twenty_however_few_the_views(n
     assert missed(views, [n]) == pytest.approx(0.055, abs=0.025)
 
 
-@pytest.mark.parametrize(("scenes", "views", "between"), [(4, 4, 0.0), (4, 4, 1.0), (10, 6, 1.0)])
+@pytest.mark.parametrize(
+    ("scenes", "views", "between"), [(4, 4, 0.0), (4, 4, 1.0), (10, 6, 1.0)]
+)
 def test_views_of_a_scene_are_not_independent(scenes: int, views: int, between: float):
     """Scenes that differ and scenes that do not: the interval misses the mean once in twenty for both."""
     rng = np.random.default_rng(0)
@@ -76,7 +78,9 @@ def test_the_error_of_a_difference_is_that_of_the_theory_of_clusters():
     )
     (half,) = differences(Units.of(values.reshape(30, 2), [5] * 6), [(0, 1)])
     of_scenes = (values[..., 0] - values[..., 1]).mean(axis=1)
-    assert half == pytest.approx(scipy.stats.t.ppf(0.975, 5) * of_scenes.std(ddof=1) / np.sqrt(6))
+    assert half == pytest.approx(
+        scipy.stats.t.ppf(0.975, 5) * of_scenes.std(ddof=1) / np.sqrt(6)
+    )
 
 
 def test_methods_that_are_nearly_the_same_cost_the_others_little():

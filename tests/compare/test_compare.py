@@ -83,7 +83,9 @@ def test_by_view_ranks_methods_within_each_view():
     [(lambda name: {"method": name, "data_id": name}, r"^sea / reef: "), (lambda name: {"options_id": name}, "options"),
      (lambda name: {"code": name}, r"^sea / m: .*code")],
 )  # fmt: skip
-def test_folders_of_other_data_options_or_code_are_not_compared(tmp_path, of_folder, named: str):
+def test_folders_of_other_data_options_or_code_are_not_compared(
+    tmp_path, of_folder, named: str
+):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         frame([replace(ROW, **of_folder(name))]).to_parquet(tmp_path / name / "scores.parquet")
@@ -143,7 +145,9 @@ def test_wins_and_effect_are_those_counted_by_hand():
 
 def test_infinite_scores_are_ranked_and_have_no_interval():
     """A perfect restoration has an infinite PSNR."""
-    made = cells(table({"perfect": [np.inf, 30.0], "same": [np.inf, 29.0], "good": [29.0, 28.0]}))
+    made = cells(
+        table({"perfect": [np.inf, 30.0], "same": [np.inf, 29.0], "good": [29.0, 28.0]})
+    )
     assert made["perfect"].mean == np.inf
     assert np.isnan(made["perfect"].low)
     assert np.isfinite(made["good"].low)
@@ -163,7 +167,9 @@ def test_against_a_baseline_differences_are_paired_and_signed_as_the_score_is(be
     expected = 1 / np.std([1, 2, 1, 0], ddof=1)
     assert cell.effect == pytest.approx(expected if better == "higher" else -expected)
     assert np.isnan(cells(comparison)["base"].change).all()
-    swapped = cells(compare.compare(rows_of(scores, better=better), baseline="m")[0])["base"].change
+    swapped = cells(compare.compare(rows_of(scores, better=better), baseline="m")[0])[
+        "base"
+    ].change
     assert swapped == pytest.approx((-change, -high, -low))
 
 
@@ -200,7 +206,10 @@ def test_repetitions_of_a_view_are_one_view():
     """Three repeats of two views: as many views as without, each the mean of its repeats."""
     rows = [
         replace(
-            ROW, view=f"v{v}", scene=f"reef,replicate={n}" if n else "reef", value=float(10 * v + n)
+            ROW,
+            view=f"v{v}",
+            scene=f"reef,replicate={n}" if n else "reef",
+            value=float(10 * v + n),
         )
         for v, n in itertools.product(range(2), range(3))
     ]
@@ -266,7 +275,9 @@ def test_holes_are_counted_and_said_with_their_reasons():
     rows += [row for view in views[3:] for row in restored("b", view)]
     rows += restored("b", "v0", "v0 has no depth map", "skipped")
     rows += [
-        row for view in ("v1", "v2") for row in restored("b", view, "ValueError: boom", "failed")
+        row
+        for view in ("v1", "v2")
+        for row in restored("b", view, "ValueError: boom", "failed")
     ]
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     (lost,) = images_lost(comparison)
@@ -277,7 +288,9 @@ def test_holes_are_counted_and_said_with_their_reasons():
 
 
 def test_a_score_that_failed_alone_is_said_for_its_metric():
-    rows = [row for view in ("v0", "v1") for row in (*restored("a", view), *restored("b", view))]
+    rows = [
+        row for view in ("v0", "v1") for row in (*restored("a", view), *restored("b", view))
+    ]
     rows[-1] = replace(rows[-1], status="failed", reason="ValueError: boom", value=np.nan)
     (comparison,) = compare.compare(frame(rows))
     (lost,) = images_lost(comparison)
@@ -286,7 +299,9 @@ def test_a_score_that_failed_alone_is_said_for_its_metric():
 
 
 def test_some_charts_of_a_view_that_lack_a_score_are_counted_as_charts():
-    rows = [replace(ROW, method=m, region=f"c{c}", metric="psi") for m in "ab" for c in range(3)]
+    rows = [
+        replace(ROW, method=m, region=f"c{c}", metric="psi") for m in "ab" for c in range(3)
+    ]
     rows[-1] = replace(rows[-1], status="skipped", reason="no value (NaN)", value=np.nan)
     (comparison,) = compare.compare(frame(rows))
     (lost,) = images_lost(comparison)
@@ -324,13 +339,23 @@ def test_the_order_of_rows_changes_nothing():
     rng = np.random.default_rng(5)
     rows = [
         replace(
-            ROW, method=m, scene=s, view=f"{s}{v}", region=f"c{c}", metric="psi", value=rng.normal()
+            ROW,
+            method=m,
+            scene=s,
+            view=f"{s}{v}",
+            region=f"c{c}",
+            metric="psi",
+            value=rng.normal(),
         )
         for m, s, v, c in itertools.product("abc", ("x", "y"), range(4), range(3))
     ]
     (one,) = compare.compare(frame(rows), order="abc")
-    (other,) = compare.compare(frame([rows[n] for n in rng.permutation(len(rows))]), order="abc")
-    np.testing.assert_equal(astuple(other), astuple(one))  # NaN equals NaN, whichever object it is
+    (other,) = compare.compare(
+        frame([rows[n] for n in rng.permutation(len(rows))]), order="abc"
+    )
+    np.testing.assert_equal(
+        astuple(other), astuple(one)
+    )  # NaN equals NaN, whichever object it is
 
 
 def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
@@ -351,7 +376,9 @@ def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
         rows.assign(pixels=on_common, pixels_share=0.5, pixels_reason="")
     )
     named = [
-        (note.kind, {c.metric for c in note.columns}) for note in comparison.notes if note.columns
+        (note.kind, {c.metric for c in note.columns})
+        for note in comparison.notes
+        if note.columns
     ]
     assert named == [("common pixels", {"uciqe"})]
 

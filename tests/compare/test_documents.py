@@ -21,7 +21,9 @@ from sucre_bench.compare.words import number, verdict_text
 from sucre_bench.results.rows import frame
 
 
-def terminal(comparison: compare.Comparison, colours: bool = False, spread: bool = False) -> str:
+def terminal(
+    comparison: compare.Comparison, colours: bool = False, spread: bool = False
+) -> str:
     console = Console(
         file=io.StringIO(),
         width=120,
@@ -36,7 +38,8 @@ def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_pat
     (tmp_path / "r").mkdir()
     kinds = (("psnr", "higher"), ("seconds", "lower"), ("peak_mb", "lower"))
     rows = [
-        replace(ROW, method="m", metric=name, better=better, value=1.0) for name, better in kinds
+        replace(ROW, method="m", metric=name, better=better, value=1.0)
+        for name, better in kinds
     ]
     frame(rows).to_parquet(tmp_path / "r" / "scores.parquet")
     plain = bench("compare", "r", "--format", "latex").stdout
@@ -48,7 +51,9 @@ def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_pat
 
 def test_several_tables_are_one_text_a_program_can_read():
     both = compare.compare(
-        frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")])
+        frame(
+            [replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]
+        )
     )
     assert [line["table"] for line in json.loads(as_text(both, "json"))] == ["sea", "lake"]
     assert as_text(both, "csv").count("metric,variant") == 1
@@ -85,7 +90,9 @@ def test_json_has_no_number_that_json_does_not_know():
     ],
 )
 def test_a_label_is_text_in_each_format(how: str, kept: str, not_kept: str):
-    comparison = table({"<img src=x>": [1, 2], "=1+1": [2, 3], r"\input{x}": [3, 4], "a|b": [4, 5]})
+    comparison = table(
+        {"<img src=x>": [1, 2], "=1+1": [2, 3], r"\input{x}": [3, 4], "a|b": [4, 5]}
+    )
     text = as_text([comparison], how)
     assert kept in text
     assert not_kept not in text
@@ -100,7 +107,9 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
     program = shutil.which("pdflatex")
     if program is None:
         said = "no pdflatex here; install Debian's packages texlive-latex-base and texlive-latex-recommended"
-        pytest.fail(said) if os.environ.get("SUCRE_BENCH_TEST_LATEX") == "1" else pytest.skip(said)
+        pytest.fail(said) if os.environ.get("SUCRE_BENCH_TEST_LATEX") == "1" else pytest.skip(
+            said
+        )
     signs = "".join(map(chr, range(1, 0x180)))
     scores = {
         label: [n + 1.0, n * n + 0.5, 7.0 - n]
@@ -140,7 +149,9 @@ def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
         assert [line.split(" & ")[0] for line in lines] == ["method", "one", "two"]
         assert {line.count("&") for line in lines} == {len(columns) - 1}
         assert max(len(re.sub(r"\\\w+|[{}$\\]", "", line)) for line in lines) < 130
-    assert re.findall(r"metric\d", text[: text.index("% mean")]) == [f"metric{n}" for n in range(9)]
+    assert re.findall(r"metric\d", text[: text.index("% mean")]) == [
+        f"metric{n}" for n in range(9)
+    ]
 
 
 def test_cells_show_mean_interval_tie_and_holes():

@@ -30,7 +30,9 @@ def table(**changes: np.ndarray) -> pd.DataFrame:
             )
             rows.append(replace(base, value=1.0, **({} if np.isfinite(value) else known)))
             rows.append(
-                replace(base, metric="psnr", variant="masked", unit="dB", better="higher", **known)
+                replace(
+                    base, metric="psnr", variant="masked", unit="dB", better="higher", **known
+                )
             )
             if "value" in known:
                 rows.append(
@@ -54,7 +56,9 @@ def outcome(text: str, **changes: np.ndarray) -> str:
 def test_four_views_of_a_track_can_neither_pass_nor_fail():
     rows = table(new=STEADY)
     (found,) = gated(
-        rows[rows["view"].isin(sorted(rows["view"].unique())[:4])], [Gate.read("psnr=-0.5")], "old"
+        rows[rows["view"].isin(sorted(rows["view"].unique())[:4])],
+        [Gate.read("psnr=-0.5")],
+        "old",
     )
     assert found.outcome == "unknown"
 
@@ -69,7 +73,13 @@ def test_a_loss_fails_beyond_limit_and_chance(metric: str):
 
 def test_the_views_that_lose_most_come_first():
     (found,) = gated(table(new=STEADY), [Gate.read("psnr=-0.5")], "old")
-    assert [view for view, _ in found.worst] == ["v4.png", "v1.png", "v0.png", "v3.png", "v2.png"]
+    assert [view for view, _ in found.worst] == [
+        "v4.png",
+        "v1.png",
+        "v0.png",
+        "v3.png",
+        "v2.png",
+    ]
     assert [gain for _, gain in found.worst] == pytest.approx([-1.2, -1.1, -1.0, -1.0, -0.9])
     (found,) = gated(table(new=STEADY), [Gate.read("error=-0.5")], "old")
     assert found.worst[0] == ("v4.png", pytest.approx(-1.2))

@@ -63,7 +63,9 @@ def test_a_lead_over_the_second_is_found_however_many_others_there_are(
 
 
 @pytest.mark.parametrize("others", [[0.0] * 4, [-3.0, 3.0, 0.0, 0.0]])
-def test_nineteen_of_twenty_tables_have_no_false_difference_from_a_baseline(others: list[float]):
+def test_nineteen_of_twenty_tables_have_no_false_difference_from_a_baseline(
+    others: list[float],
+):
     rng, truth = np.random.default_rng(4), np.array([0.0, *others])
     false = 0
     for _ in range(200):
@@ -93,7 +95,8 @@ def test_neighbours_that_are_alike_seldom_make_a_false_lead(n: int, methods: int
         best = int(views.mean(axis=0).argmax())
         gaps = views.mean(axis=0)[best] - views.mean(axis=0)
         false += [
-            (gaps > leads(Units.of(views, [n], in_order), best)).any() for in_order in (True, False)
+            (gaps > leads(Units.of(views, [n], in_order), best)).any()
+            for in_order in (True, False)
         ]
     assert false[0] / tables < 0.07 + 3 * np.sqrt(0.07 * 0.93 / tables)
     assert false[1] / tables > 0.18
@@ -125,7 +128,9 @@ def test_views_that_are_not_alike_are_judged_as_without_an_order():
 
 @pytest.mark.parametrize("between", [0.0, 1.0])
 @pytest.mark.parametrize("sizes", [[3, 4, 5, 16], [2, 3, 12, 30]])
-def test_few_scenes_of_different_size_seldom_make_a_false_lead(sizes: list[int], between: float):
+def test_few_scenes_of_different_size_seldom_make_a_false_lead(
+    sizes: list[int], between: float
+):
     """With as many degrees of freedom as for equal scenes, in up to 18 % of tables."""
     rng, tables = np.random.default_rng(9), 500
     false = 0

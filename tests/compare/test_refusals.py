@@ -17,7 +17,9 @@ from sucre_bench.results.rows import Row, frame, replicated
 def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:
     """A method's restorations of views, and their scores."""
     rows = [replace(ROW, method=method, view=f"{view}.png", **kind) for view in views]
-    return [replace(row, metric="seconds", variant="wall", better="lower") for row in rows] + rows
+    return [
+        replace(row, metric="seconds", variant="wall", better="lower") for row in rows
+    ] + rows
 
 
 def refused(rows: list[Row], why: str, names: str, **how: Any) -> None:
@@ -37,16 +39,25 @@ def test_methods_that_ran_on_different_images_are_refused_and_the_difference_sai
 
 def test_nothing_in_common_is_refused_even_so():
     refused(
-        [*run_of("a", "ab"), *run_of("b", "cd")], "different images", r"a on 2, b on 2", common=True
+        [*run_of("a", "ab"), *run_of("b", "cd")],
+        "different images",
+        r"a on 2, b on 2",
+        common=True,
     )
 
 
 def test_pictures_of_two_named_sets_are_not_averaged():
     of_both = [
-        row for scene in ("u90", "t90") for method in "ab" for row in run_of(method, scene=scene)
+        row
+        for scene in ("u90", "t90")
+        for method in "ab"
+        for row in run_of(method, scene=scene)
     ]
     refused(
-        of_both, "rows are of the test sets t90 and u90", r"^sea: .* dataset\.label ", common=True
+        of_both,
+        "rows are of the test sets t90 and u90",
+        r"^sea: .* dataset\.label ",
+        common=True,
     )
     compare.refuse(frame([row for row in of_both if row.scene == "u90"]))
 
@@ -91,7 +102,8 @@ def test_methods_scored_in_different_variants_only_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "why"), [("one", "two", "other versions"), ("one-x", "one-y", "other options")]
+    ("one", "other", "why"),
+    [("one", "two", "other versions"), ("one-x", "one-y", "other options")],
 )
 def test_scores_of_different_versions_or_options_of_a_metric_are_refused(
     one: str, other: str, why: str
@@ -142,7 +154,9 @@ def test_one_method_shown_in_two_ways_is_refused_unless_a_label_says_so():
     plain, stretched = shown("sucre", "sucre", "none"), shown("mine", "sucre", "stretch-1-99")
     names = r"sucre and mine .* sucre, .* none and stretch-1-99; .*method\.label='mine,display=stretch-1-99'"
     refused([*plain, *stretched], "in different ways", names)
-    compare.refuse(frame([*plain, *shown("sucre,display=stretch-1-99", "sucre", "stretch-1-99")]))
+    compare.refuse(
+        frame([*plain, *shown("sucre,display=stretch-1-99", "sucre", "stretch-1-99")])
+    )
     compare.refuse(frame([*plain, *shown("other", "other", "stretch-1-99")]))
 
 

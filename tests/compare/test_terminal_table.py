@@ -48,7 +48,9 @@ KINDS = {
     "saturated_red": replace(
         PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"
     ),
-    "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
+    "water": replace(
+        PSNR, metric="water", variant="attenuation", unit="relative", better="lower"
+    ),
     "coverage": COVERAGE,
     "mine": replace(PSNR, metric="mine", variant="own", unit=""),
 }
@@ -73,7 +75,10 @@ def compared(
                     "view": f"v{view}",
                     "options": options,
                 }
-                rows += [replace(KINDS[metric], value=value, **place), replace(SECONDS, **place)]
+                rows += [
+                    replace(KINDS[metric], value=value, **place),
+                    replace(SECONDS, **place),
+                ]
     return compare.compare(frame(rows), order=list(next(iter(scores.values()))), **how)
 
 
@@ -85,13 +90,15 @@ class Block:
 
     @property
     def heads(self) -> list[str]:
-        return re.split(r"\s{2,}", next(line for line in self.lines if line.startswith("method")))[
-            1:
-        ]
+        return re.split(
+            r"\s{2,}", next(line for line in self.lines if line.startswith("method"))
+        )[1:]
 
     @property
     def names(self) -> list[str]:
-        return [line.split()[0] for line in self.lines if re.search(r"^(?!means)\S.*\d\s*$", line)]
+        return [
+            line.split()[0] for line in self.lines if re.search(r"^(?!means)\S.*\d\s*$", line)
+        ]
 
     @property
     def text(self) -> str:
@@ -155,13 +162,19 @@ def test_without_a_reference_or_charts_nobody_wins_and_the_order_is_as_asked(
     assert block.names == ["plain", "clever"]  # by uciqe clever would be first
     whole = Console(file=io.StringIO(), width=80)
     whole.print(as_table(comparison, 80))
-    for text in (block.text, " ".join(whole.file.getvalue().split()), as_text([comparison], "md")):
+    for text in (
+        block.text,
+        " ".join(whole.file.getvalue().split()),
+        as_text([comparison], "md"),
+    ):
         assert NO_TRUTH in " ".join(text.split())
         assert not WINNING.search(text)
     assert "1;32m" not in printed([comparison], colours=True).text
     records = json.loads(as_text([comparison], "json"))
     assert {
-        (r["place"], r["rank"], r["tie_with_best"]) for r in records if r["metric"] in names[::2]
+        (r["place"], r["rank"], r["tie_with_best"])
+        for r in records
+        if r["metric"] in names[::2]
     } <= {(0, 0, False)}
 
 
@@ -200,7 +213,9 @@ def test_evidence_leads_only_by_its_name_with_how_well_it_agrees_with_truth():
 def test_a_lead_that_one_view_could_undo_is_called_that():
     even, one = [1.0, 1.2, 0.8, 1.1, 0.9, 1.0], [0.4, 1.9, 0.4, 1.8, 0.3, 1.7]
     for gains, is_said in ((even, False), (one, True)):
-        (comparison,) = compared({"psnr": {"a": [20.0] * 6, "b": [20 + gain for gain in gains]}})
+        (comparison,) = compared(
+            {"psnr": {"a": [20.0] * 6, "b": [20 + gain for gain in gains]}}
+        )
         (verdict,) = compare.verdicts(comparison)
         assert verdict.is_sure
         assert bool(verdict.undone_by) == is_said
@@ -209,7 +224,9 @@ def test_a_lead_that_one_view_could_undo_is_called_that():
 
 def test_a_table_says_that_the_data_lack_a_truth_only_if_metrics_looked_for_it():
     """Metrics of a reference and of charts were run, and neither is there; else the metrics are named as the reason."""
-    rows = [replace(UCIQE, method=m, view=f"v{v}", value=float(v)) for m in "ab" for v in range(3)]
+    rows = [
+        replace(UCIQE, method=m, view=f"v{v}", value=float(v)) for m in "ab" for v in range(3)
+    ]
     lacks = [
         replace(row, metric=metric, status="skipped", reason=f"needs {of}")
         for row in rows
@@ -321,7 +338,9 @@ def test_where_all_tie_nothing_is_marked_and_the_least_gap_that_shows_is_said():
     gains = np.array([-1.5, 1, -1, 1])
     least = scipy.stats.t.ppf(0.975, 3) * gains.std(ddof=1) / 2
     views = np.array([20.0, 25, 30, 27])
-    text = printed(compared({"psnr": {"a": views.tolist(), "b": (views - gains).tolist()}})).text
+    text = printed(
+        compared({"psnr": {"a": views.tolist(), "b": (views - gains).tolist()}})
+    ).text
     assert "≈" not in text
     assert "no method differs from the best by more than chance in psnr" in text
     assert f"only differences above {least:.2f} dB in psnr" in text
@@ -341,7 +360,10 @@ def test_the_whole_table_marks_ties_with_and_without_intervals():
 
 
 MIXED = {
-    "psnr": {"a": [20.0, 25, 30, 27, 26, 22, 21, 24], "b": [21.0, 24, 31, 26, 27, 21, 22, 25.5]},
+    "psnr": {
+        "a": [20.0, 25, 30, 27, 26, 22, 21, 24],
+        "b": [21.0, 24, 31, 26, 27, 21, 22, 25.5],
+    },
     "psi": {"a": [4.0, 5], "b": [4.1, 4.8]},
 }
 
@@ -372,7 +394,9 @@ def test_scores_that_differ_by_rounding_are_equal():
     assert not re.search(
         "a (leads|is ahead of) b|b (leads|is ahead of) a", printed(compared(scores)).text
     )
-    assert re.search(r"psnr: (a equals b|b equals a)", printed(compared(scores, baseline="a")).text)
+    assert re.search(
+        r"psnr: (a equals b|b equals a)", printed(compared(scores, baseline="a")).text
+    )
 
 
 def test_many_datasets_are_one_block_with_the_main_score_of_each():
@@ -386,9 +410,12 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
     assert block.heads == ["0", "0.01", "0.02", "0.05"]
     assert len(block.lines) < 8
     tables = compared(
-        {key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")}, datasets=titles
+        {key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")},
+        datasets=titles,
     )
-    named = printed([compare.only(table, ["water", "psnr"]) for table in tables], every=True).text
+    named = printed(
+        [compare.only(table, ["water", "psnr"]) for table in tables], every=True
+    ).text
     assert re.findall(r"(\w+) [↑↓][^:]*? of 4 tables", named) == ["water", "psnr"]
 
 

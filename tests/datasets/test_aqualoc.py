@@ -55,7 +55,9 @@ def write_site(
         pose = pose_of(*one)
         write_spot(frames / f"frame{frame:06d}.png", spot(pose))
         lines.append(
-            " ".join(map(str, [frame, *pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]))
+            " ".join(
+                map(str, [frame, *pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()])
+            )
         )
     write_spot(frames / "frame000020.png", np.array([3.0, 4.0]))
     (root / f"{site}_calibration_files").mkdir(exist_ok=True)
@@ -129,7 +131,9 @@ def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
 )
 def test_a_wrong_trajectory_is_named_by_line(tmp_path: Path, line: str, part: str) -> None:
     path = (
-        write_site(tmp_path) / "harbor_groundtruth_files" / "new_harbor_colmap_traj_sequence_07.txt"
+        write_site(tmp_path)
+        / "harbor_groundtruth_files"
+        / "new_harbor_colmap_traj_sequence_07.txt"
     )
     path.write_text(f"# a comment\n{line}\n")
     with one_line(str(path), part):

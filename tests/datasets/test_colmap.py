@@ -56,7 +56,8 @@ def test_images_of_another_computer_are_found_by_the_end_of_their_paths(
     write_dive(tmp_path)
     there = load(tmp_path)
     write_model(
-        tmp_path / "sparse", [(written.format("b"), SIDEWAYS, 1), (written.format("a"), FORWARD, 1)]
+        tmp_path / "sparse",
+        [(written.format("b"), SIDEWAYS, 1), (written.format("a"), FORWARD, 1)],
     )
     scene = load(tmp_path)
     assert [view.name for view in scene] == ["a.png", "b.png"]
@@ -263,7 +264,9 @@ def test_an_uneven_image_scale_keeps_the_fields_of_view(tmp_path: Path) -> None:
     assert camera.K[1, 1] / camera.height == pytest.approx(60 / HEIGHT)
 
 
-def test_data_id_is_the_same_for_a_copy_and_for_either_form_of_the_model(tmp_path: Path) -> None:
+def test_data_id_is_the_same_for_a_copy_and_for_either_form_of_the_model(
+    tmp_path: Path,
+) -> None:
     one = load(write_dive(tmp_path / "one"))
     shutil.copytree(tmp_path / "one", tmp_path / "two words")
     to_binary(tmp_path / "two words" / "sparse")

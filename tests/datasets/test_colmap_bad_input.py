@@ -116,7 +116,9 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
         ["image '.' is outside", "no file", "relative"],
     ),
     "no points lines": (
-        text("sparse/images.txt", f"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n{CAMERA}\n"),
+        text(
+            "sparse/images.txt", f"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n{CAMERA}\n"
+        ),
         ["images.txt", "after image 'a.png' stands no line of points"],
     ),
     "short image line": (
@@ -232,7 +234,11 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
         ["30x40x3", "one channel"],
     ),
     "depth all 0": ("depth", depth_png(0 * depth_mm()), ["depth_a.png: no pixel has a depth"]),
-    "depth all NaN": ("depth", depth_npy(np.nan * METRES), ["depth_a.npy: no pixel has a depth"]),
+    "depth all NaN": (
+        "depth",
+        depth_npy(np.nan * METRES),
+        ["depth_a.npy: no pixel has a depth"],
+    ),
     "depth negative": (
         "depth",
         depth_npy(-METRES),

@@ -109,7 +109,9 @@ def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
     points = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).astype(np.float64)
     a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, :-1], points[1:, 1:]
     corners = [np.stack(three, axis=-2).reshape(-1, 3, 3) for three in ((a, b, d), (a, d, c))]
-    p, q, r = np.moveaxis(np.concatenate([*corners, board.outline[[[0, 2, 1], [0, 3, 2]]]]), 1, 0)
+    p, q, r = np.moveaxis(
+        np.concatenate([*corners, board.outline[[[0, 2, 1], [0, 3, 2]]]]), 1, 0
+    )
     centre, rays = np.array([-0.4, 1.2, 0.9]), rng.uniform((-1, 0, -1), (1, 2, 0.3), (400, 3))
     expected = np.zeros(len(rays))
     for i, ray in enumerate(rays):

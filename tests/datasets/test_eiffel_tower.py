@@ -33,7 +33,9 @@ def test_each_visit_is_a_scene_and_one_can_be_chosen(tmp_path: Path) -> None:
         ("2018", ["a.jpg", "b.jpg"]),
     ]
     assert (
-        load(tmp_path, year="2018").data_id == scenes[1].data_id == load(tmp_path / "2018").data_id
+        load(tmp_path, year="2018").data_id
+        == scenes[1].data_id
+        == load(tmp_path / "2018").data_id
     )
     with pytest.raises(InputError, match=r"2015"):
         load(tmp_path / "2018", year="2015")
@@ -44,16 +46,25 @@ def test_each_visit_is_a_scene_and_one_can_be_chosen(tmp_path: Path) -> None:
     [
         (("2015_a.png", "2016_a.png"), ("2015/images/2015_a.png", "2016/images/2016_a.png")),
         (("2015/a.png", "2016/a.png"), ("2015/images/a.png", "2016/images/a.png")),
-        (("2015/images/a.png", "2016/images/a.png"), ("2015/images/a.png", "2016/images/a.png")),
-        (("2015_a.png", "2016_a.png"), ("global/images/2015_a.png", "global/images/2016_a.png")),
+        (
+            ("2015/images/a.png", "2016/images/a.png"),
+            ("2015/images/a.png", "2016/images/a.png"),
+        ),
+        (
+            ("2015_a.png", "2016_a.png"),
+            ("global/images/2015_a.png", "global/images/2016_a.png"),
+        ),
     ],
 )
 def test_images_of_the_global_model_are_found_in_their_years(
     tmp_path: Path, names: tuple[str, str], places: tuple[str, str]
 ) -> None:
-    write_photographs([tmp_path / place for place in places], tmp_path / "global" / "sfm", names)
+    write_photographs(
+        [tmp_path / place for place in places], tmp_path / "global" / "sfm", names
+    )
     check_dive(
-        lambda **options: load(tmp_path, year="global", **options), tmp_path / "global" / "depths"
+        lambda **options: load(tmp_path, year="global", **options),
+        tmp_path / "global" / "depths",
     )
     scene = load(tmp_path, year="global")
     assert (scene.name, tuple(view.name for view in scene)) == ("global", names)

@@ -67,7 +67,9 @@ def test_a_known_point_is_seen_where_it_is_with_its_depth(tmp_path: Path, scale:
     at = centre(view.rgb)
     depth = view.depth[int(at[1]), int(at[0])]
     assert depth == 5.0
-    assert view.distance[int(at[1]), int(at[0])] == pytest.approx(np.linalg.norm(POINT), rel=2e-3)
+    assert view.distance[int(at[1]), int(at[0])] == pytest.approx(
+        np.linalg.norm(POINT), rel=2e-3
+    )
     np.testing.assert_allclose(
         unproject(view.camera, at[0], at[1], np.float64(depth)), POINT, atol=0.01
     )
@@ -137,7 +139,9 @@ def test_depth_maps_of_other_names_are_named(tmp_path: Path) -> None:
     dive = write_dive(tmp_path)
     maps = [dive / "depth" / f"{frame}_SeaErra_abs_depth.tif" for frame in FRAMES]
     maps[0].rename(dive / "depth" / f"{FRAMES[1]}.tif")
-    with pytest.raises(InputError, match=rf"{FRAMES[1]}\.tif: {FRAMES[1]}_SeaErra_abs_depth\.tif "):
+    with pytest.raises(
+        InputError, match=rf"{FRAMES[1]}\.tif: {FRAMES[1]}_SeaErra_abs_depth\.tif "
+    ):
         _ = load(tmp_path).views[1].depth
     (dive / "depth" / f"{FRAMES[1]}.tif").unlink()
     assert [view.has_depth for view in load(tmp_path)] == [False, True]

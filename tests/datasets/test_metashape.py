@@ -93,7 +93,9 @@ def test_a_rig_puts_the_second_camera_by_its_sensor(tmp_path: Path) -> None:
         f'<sensor id="1" label="right" type="frame" master_id="0"><calibration type="frame" class="adjusted">'
         f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
         + "".join(f"<{name}>{value!r}</{name}>" for name, value in INNER.items())
-        + "</calibration><rotation>{}</rotation><location>{}</location></sensor>".format(*numbers)
+        + "</calibration><rotation>{}</rotation><location>{}</location></sensor>".format(
+            *numbers
+        )
     )
     second = camera_xml(1, "DSC_1", 'master_id="0"', posed=False).replace(
         'sensor_id="0"', 'sensor_id="1"'
@@ -122,7 +124,8 @@ def write_project(root: Path, suffix: str) -> Path:
         (root / "images" / side).mkdir()
         (root / f"images/DSC_{number}.png").rename(root / "images" / side / "D.png")
     photos = "".join(
-        f'<camera camera_id="{i}"><photo path="{path}"/></camera>' for i, path in enumerate(paths)
+        f'<camera camera_id="{i}"><photo path="{path}"/></camera>'
+        for i, path in enumerate(paths)
     )
     frame = f"<cameras>{photos}</cameras></frame>"
     if suffix == ".psz":
@@ -140,7 +143,9 @@ def write_project(root: Path, suffix: str) -> Path:
         root / "dive.files/project.zip",
         f'<document><chunks active_id="3">{listed}</chunks></document>',
     )
-    archive(root / "dive.files/0/chunk.zip", '<chunk label="Other"><sensors/><cameras/></chunk>')
+    archive(
+        root / "dive.files/0/chunk.zip", '<chunk label="Other"><sensors/><cameras/></chunk>'
+    )
     frames = '<frames next_id="1"><frame id="0" path="0/frame.zip"/></frames>'
     archive(root / "dive.files/3/chunk.zip", chunk_xml("usual", CAMERAS, frames=frames))
     archive(root / "dive.files/3/0/frame.zip", f'<frame version="1.2.0">{frame}')
@@ -192,7 +197,10 @@ def test_each_component_is_a_scene(tmp_path: Path) -> None:
     said = Lines()
     with watched_by(said):
         one, two = Metashape(root=tmp_path).scenes()
-    assert (one.name, two.name) == (f"{tmp_path.name}/Component 1", f"{tmp_path.name}/Component 2")
+    assert (one.name, two.name) == (
+        f"{tmp_path.name}/Component 1",
+        f"{tmp_path.name}/Component 2",
+    )
     assert any("Component 2 " in text for text in said.lines), (
         "its lengths are not metres, which is said"
     )
@@ -272,8 +280,12 @@ def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: Change)
         load(tmp_path)
 
 
-@pytest.mark.parametrize("path", ["/etc/x.zip", "../../../out.zip", "C:\\out.zip", "a/../../../.."])
-@pytest.mark.parametrize("name", ["dive.psx", "dive.files/project.zip", "dive.files/3/chunk.zip"])
+@pytest.mark.parametrize(
+    "path", ["/etc/x.zip", "../../../out.zip", "C:\\out.zip", "a/../../../.."]
+)
+@pytest.mark.parametrize(
+    "name", ["dive.psx", "dive.files/project.zip", "dive.files/3/chunk.zip"]
+)
 def test_a_project_names_no_part_outside_of_its_folder(
     tmp_path: Path, name: str, path: str
 ) -> None:
@@ -283,7 +295,9 @@ def test_a_project_names_no_part_outside_of_its_folder(
     elif "chunk" in name:
         archive(
             root / name,
-            chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0" path="{path}"/></frames>'),
+            chunk_xml(
+                "usual", CAMERAS, frames=f'<frames><frame id="0" path="{path}"/></frames>'
+            ),
         )
     else:
         archive(

@@ -106,12 +106,16 @@ def test_poses_drift_by_the_pixels_that_are_said(
         z = np.median(depth[depth > 0])
         in_camera = np.linalg.inv(view.camera.K) @ (32, 24, 1) * z
         world = pose[:3, :3].T @ (in_camera - pose[:3, 3])
-        there = view.camera.K @ (view.cam_from_world[:3, :3] @ world + view.cam_from_world[:3, 3])
+        there = view.camera.K @ (
+            view.cam_from_world[:3, :3] @ world + view.cam_from_world[:3, 3]
+        )
         moves.append(there[:2] / there[2] - (32, 24))
     move = np.array(moves)
     assert np.sqrt((move**2).sum(axis=1).mean()) == pytest.approx(px, rel=0.1)
     steps = np.diff(move, axis=0)
-    assert (steps**2).mean() < (move**2).mean()  # a drift, not a jitter: neighbours are off alike
+    assert (steps**2).mean() < (
+        move**2
+    ).mean()  # a drift, not a jitter: neighbours are off alike
 
 
 def test_conditions_do_what_they_say(exact: Nature):
@@ -130,7 +134,9 @@ def test_conditions_do_what_they_say(exact: Nature):
     corner, middle = np.s_[:, 0, 0], np.s_[:, 23:25, 31:33]
     assert np.median(lens[corner] / plain[corner]) == pytest.approx(0.65, abs=0.05)
     assert np.median(lens[middle] / plain[middle]) == pytest.approx(1, abs=0.02)
-    assert made("auto_exposure").mean(axis=(1, 2, 3)) == pytest.approx(np.full(4, 0.4), abs=0.02)
+    assert made("auto_exposure").mean(axis=(1, 2, 3)) == pytest.approx(
+        np.full(4, 0.4), abs=0.02
+    )
     balanced, unbalanced = (
         images.mean(axis=(1, 2)) for images in (made("auto_white_balance"), plain)
     )

@@ -29,7 +29,13 @@ from sucre_bench.errors import InputError
 INTRINSICS = {"fl_x": 150.0, "fl_y": 140.0, "cx": 83.0, "cy": 57.5}
 LENSES: dict[str, dict[str, Any]] = {
     "pinhole": {"camera_model": "PINHOLE"},
-    "perspective": {"camera_model": "OPENCV", "k1": -0.5, "k2": 0.15, "p1": 0.004, "p2": -0.006},
+    "perspective": {
+        "camera_model": "OPENCV",
+        "k1": -0.5,
+        "k2": 0.15,
+        "p1": 0.004,
+        "p2": -0.006,
+    },
     "four radial terms": {
         "camera_model": "OPENCV",
         "k1": -0.12,
@@ -49,7 +55,10 @@ LENSES: dict[str, dict[str, Any]] = {
 
 def photographed(x: float, y: float, lens: dict[str, Any]) -> np.ndarray:
     """Where the lens images the ray (x, y, 1): pixels with centres at +0.5."""
-    k, p = [lens.get(f"k{i}", 0.0) for i in range(1, 5)], [lens.get(f"p{i}", 0.0) for i in (1, 2)]
+    k, p = (
+        [lens.get(f"k{i}", 0.0) for i in range(1, 5)],
+        [lens.get(f"p{i}", 0.0) for i in (1, 2)],
+    )
     at = bent(x, y, "FISHEYE" in lens["camera_model"], k, p)
     return np.array(at) * (INTRINSICS["fl_x"], INTRINSICS["fl_y"]) + (
         INTRINSICS["cx"],
@@ -76,9 +85,13 @@ def write_scene(root: Path, lens: str = "pinhole", **more: Any) -> Path:
         unit = more.get("depth_unit_scale_factor", 0.001)
         (root / "depths").mkdir(exist_ok=True)
         cv2.imwrite(
-            str(root / f"depths/{number}.png"), np.rint(disk_depth(at, z) / unit).astype(np.uint16)
+            str(root / f"depths/{number}.png"),
+            np.rint(disk_depth(at, z) / unit).astype(np.uint16),
         )
-        name = {"file_path": f"./images/{number}.png", "depth_file_path": f"depths/{number}.png"}
+        name = {
+            "file_path": f"./images/{number}.png",
+            "depth_file_path": f"depths/{number}.png",
+        }
         frames.append({**name, "transform_matrix": matrix})
     (root / "transforms.json").write_text(json.dumps({**common, "frames": frames}))
     return root
@@ -105,7 +118,9 @@ def test_a_pose_that_was_written_with_three_digits_is_one(tmp_path: Path) -> Non
         [0.271, 0.92, 0.283, 2],
         [0, 0, 0, 1],
     ]
-    edit(lambda content: content["frames"][0].update(transform_matrix=pose))(write_scene(tmp_path))
+    edit(lambda content: content["frames"][0].update(transform_matrix=pose))(
+        write_scene(tmp_path)
+    )
     assert load(tmp_path)["images/0.png"].cam_from_world @ [0, 0, 2, 1] == pytest.approx(
         [0, 0, 0, 1]
     )
@@ -150,7 +165,9 @@ def test_float_depth_maps_are_multiplied_too(tmp_path: Path, suffix: str) -> Non
     [({"integer_depth_scale": 0.0002}, 0.0002), ({"depth_scaling_factor": 4000.0}, 1 / 4000)],
     ids=["instant-ngp", "dense-depth-priors"],
 )
-def test_other_programs_keys_are_read(tmp_path: Path, units: dict[str, float], unit: float) -> None:
+def test_other_programs_keys_are_read(
+    tmp_path: Path, units: dict[str, float], unit: float
+) -> None:
     write_scene(tmp_path, depth_unit_scale_factor=unit)
 
     def change(content: dict[str, Any]) -> None:
@@ -279,7 +296,10 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
         edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")),
         ["EQUIRECTANGULAR"],
     ),
-    "a name that is no UTF-8": (frame(file_path="caf\udce9.png"), ["transforms.json: ", "udce9"]),
+    "a name that is no UTF-8": (
+        frame(file_path="caf\udce9.png"),
+        ["transforms.json: ", "udce9"],
+    ),
     "no images": (
         lambda root: [path.unlink() for path in root.glob("images/*")],
         ["images/0.png: no such file", "transforms.json"],

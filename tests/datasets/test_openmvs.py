@@ -109,7 +109,10 @@ def other_bytes(offset: int, layout: str, *values: object) -> Change:
 
 # The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
 SCENE: dict[str, tuple[Change, list[str]]] = {
-    "another format": (other_bytes(0, "2s", b"DX"), ["depth0000.dmap: cannot be read", "Densify"]),
+    "another format": (
+        other_bytes(0, "2s", b"DX"),
+        ["depth0000.dmap: cannot be read", "Densify"],
+    ),
     "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
     "a huge depth map": (
         other_bytes(4, "4I", *[2**31] * 4),
@@ -146,7 +149,9 @@ def test_nothing_outside_of_root_is_named_or_opened(tmp_path: Path, name: str) -
     write_spot(tmp_path / "out/0.png", np.ones(2), (60, 60))
     (root / "images/0.png").unlink()
     depth = np.ones((HEIGHT, WIDTH), np.float32)
-    (root / "depth0000.dmap").write_bytes(dmap(name.format(tmp_path), K, pose_of(*BOTH[0]), depth))
+    (root / "depth0000.dmap").write_bytes(
+        dmap(name.format(tmp_path), K, pose_of(*BOTH[0]), depth)
+    )
     before = load(root)
     write_spot(tmp_path / "out/0.png", np.ones(2), (WIDTH, HEIGHT))
     assert load(root).data_id == before.data_id

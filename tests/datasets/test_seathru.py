@@ -33,7 +33,9 @@ WIDTH, HEIGHT = SET_SIZE
 # -- images and depth --------------------------------------------------------------------------------------
 
 
-def test_images_are_linear_and_depth_of_another_size_is_taken_by_nearest(tmp_path: Path) -> None:
+def test_images_are_linear_and_depth_of_another_size_is_taken_by_nearest(
+    tmp_path: Path,
+) -> None:
     write_set(tmp_path / "D1" / "D1")
     scene = load(tmp_path)
     assert (scene.name, [view.name for view in scene]) == ("D1", ["T_S01.png", "T_S02.png"])
@@ -83,7 +85,9 @@ def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
 
 def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None:
     write_set(tmp_path)
-    cameras = [f"1 PINHOLE {WIDTH * 2} {HEIGHT * 2} 100 100 62 38"]  # made of copies twice as large
+    cameras = [
+        f"1 PINHOLE {WIDTH * 2} {HEIGHT * 2} 100 100 62 38"
+    ]  # made of copies twice as large
     model = [
         ("T_S01.jpg", (1.0, 0, 0, 0, 0, 0, 0), 1),
         ("T_S02.jpg", (1.0, 0, 1.0, 0, -2.5, 0, 1.25), 1),

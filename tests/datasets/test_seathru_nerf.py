@@ -52,7 +52,11 @@ def test_every_eighth_image_from_the_first_is_the_test(tmp_path: Path) -> None:
         [(name, model_pose(np.eye(4)), 1) for name in reversed(names)],
         [CAMERA],
     )
-    assert [view.name for view in load(tmp_path, split="test")] == ["00.png", "08.png", "16.png"]
+    assert [view.name for view in load(tmp_path, split="test")] == [
+        "00.png",
+        "08.png",
+        "16.png",
+    ]
     train = [view.name for view in load(tmp_path, split="train")]
     assert len(train) == 15
     assert not {"00.png", "08.png", "16.png"} & set(train)

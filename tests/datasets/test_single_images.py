@@ -147,7 +147,9 @@ def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) ->
         for folder in ("input", "GT"):
             write_images(tmp_path / part / folder, "1.png", "2.png", seed=seed)
     views = only(Lsui(tmp_path / "train")).views
-    members = [Member(f"m{k}", (), None, print_of(view.rgb), None) for k, view in enumerate(views)]
+    members = [
+        Member(f"m{k}", (), None, print_of(view.rgb), None) for k, view in enumerate(views)
+    ]
     table = tmp_path / "mine.csv"
     table.write_text(set_table("mine", members))
     scene = only(Lsui(tmp_path, split=str(table)))

@@ -110,7 +110,9 @@ def check_pair(scene: Scene) -> None:
     assert (left_z, right_z) == pytest.approx((2.0, 2.474))
 
 
-def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(tmp_path: Path) -> None:
+def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(
+    tmp_path: Path,
+) -> None:
     write_site(tmp_path / "Katzaa")
     scene = load(tmp_path)
     check_pair(scene)
@@ -149,7 +151,9 @@ def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("given", ["mine.json", "folder"])
-def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path, given: str) -> None:
+def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(
+    tmp_path: Path, given: str
+) -> None:
     write_site(tmp_path, ("image_set_01", "image_set_02"))
     (tmp_path / "image_set_01" / "folder").mkdir()
     with pytest.raises(InputError, match=rf"image_set_01/{given}: .*dataset\.charts={given}"):
@@ -157,7 +161,9 @@ def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path, gi
     corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
     charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
     (tmp_path / "image_set_02" / "mine.json").write_text(json.dumps(charts))
-    assert ["charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()] == [
+    assert [
+        "charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()
+    ] == [
         False,
         True,
     ]

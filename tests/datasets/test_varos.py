@@ -72,7 +72,9 @@ def test_a_world_point_falls_on_its_mark_at_its_depth_in_both_views(tmp_path: Pa
         f"seq01_veh0_camM0_A-0000000{frame}.png" for frame in (7, 8)
     ]
     assert scene.has == {"poses", "depth", "reference"}
-    for view, pixel, depth in zip(scene, ((19.0, 12.0), (16.0, 16.5)), (10.0, 4.0), strict=True):
+    for view, pixel, depth in zip(
+        scene, ((19.0, 12.0), (16.0, 16.5)), (10.0, 4.0), strict=True
+    ):
         at, z = seen(view)
         assert at == pytest.approx(pixel)
         assert z == pytest.approx(depth)
@@ -95,7 +97,9 @@ def test_folders_of_ones_own_are_found_with_the_camera_above_them(tmp_path: Path
         sub="train",
     )
     for sub in ("val", "test"):
-        write_image(tmp_path / "cam0" / sub / "A" / "frame-00000008.png", picture(1, WIDTH, HEIGHT))
+        write_image(
+            tmp_path / "cam0" / sub / "A" / "frame-00000008.png", picture(1, WIDTH, HEIGHT)
+        )
     inner = load(tmp_path / "cam0")
     assert inner.views[0].name == "train/seq01_veh0_camM0_A-00000007.png"
     assert seen(inner.views[1])[0] == pytest.approx([16, 16.5])

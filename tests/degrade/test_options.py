@@ -76,7 +76,9 @@ def run(tmp_path: Path, toys: str):
     ]
 
     def run(*overrides: str) -> tuple[Outcome, list[str]]:
-        before = len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
+        before = (
+            len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
+        )
         outcome = run_jobs(
             [*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True
         )
@@ -91,7 +93,11 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
     swept = ("degrade.bits=2,null", "degrade.within=1")
     first, told = run(*swept)
     assert (first.ok, first.failed) == (6, ())
-    seen = {"v0.png": "v0.png+v1.png", "v1.png": "v0.png+v1.png+v2.png", "v2.png": "v1.png+v2.png"}
+    seen = {
+        "v0.png": "v0.png+v1.png",
+        "v1.png": "v0.png+v1.png+v2.png",
+        "v2.png": "v1.png+v2.png",
+    }
     assert {tuple(line.split(":")[:2]) for line in told} == set(seen.items())
     assert sorted(int(line.split(":")[2]) <= 4 for line in told) == [False] * 3 + [True] * 3
     ids = first.rows.groupby("dataset")["data_id"].unique()
@@ -99,7 +105,9 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
     # one per scene, whichever the target, as comparisons want it
     assert all(len(one) == 1 for one in ids)
     assert len({one[0] for one in ids}) == 2
-    assert (tmp_path / "out" / "restored" / "toy,within=1,bits=2" / "diary" / "v1.png").is_file()
+    assert (
+        tmp_path / "out" / "restored" / "toy,within=1,bits=2" / "diary" / "v1.png"
+    ).is_file()
     assert set(json.loads((tmp_path / "out" / "environment.json").read_text())["data"]) == set(
         ids.index
     )
@@ -138,7 +146,10 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(
         ("scale=null", {"degrade.scale"}),
         ("add_water=5", {"degrade.add_water", "nine"}),
         ("add_water=[1,2,3]", {"degrade.add_water", "nine"}),
-        ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]", "beta"}),
+        (
+            "add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]",
+            {"degrade.add_water", "B", "[0, 1]", "beta"},
+        ),
         ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]"}),
         ("add_water=absent.json", {"absent.json", "file"}),
     ],
@@ -146,7 +157,8 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, named: set[str]):
     with refused(*named):
         compose_jobs.jobs(
-            ["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False
+            ["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"],
+            multirun=False,
         )
 
 
@@ -213,12 +225,16 @@ class Counting:
 
     def load(self, plane: Plane) -> Array | None:
         self.asked.append(plane)
-        return None if plane == "reference" else photo()[..., 0] if plane == "depth" else photo()
+        return (
+            None if plane == "reference" else photo()[..., 0] if plane == "depth" else photo()
+        )
 
 
 def test_nothing_is_decoded_before_it_is_asked_for_and_planes_are_locked():
     asked: list[Plane] = []
-    scene = Scene("lazy", [View("a.png", Counting(asked))], frozenset({"depth"}), data_id="lazy")
+    scene = Scene(
+        "lazy", [View("a.png", Counting(asked))], frozenset({"depth"}), data_id="lazy"
+    )
     made = degraded(scene, noise=0.1, scale=0.5, depth_noise=0.1, add_water=NINE)
     assert asked == []
     assert made["a.png"].depth.shape == (30, 40)

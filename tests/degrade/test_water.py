@@ -65,7 +65,9 @@ def test_a_pixel_without_depth_is_as_deep_under_water_as_its_nearest_neighbour()
 def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
     file = tmp_path / "bay.json"
     B, beta, gamma = np.reshape(NINE, (3, 3))
-    file.write_text(json.dumps({"B": list(B), "beta": list(beta), "gamma": list(gamma), "else": 1}))
+    file.write_text(
+        json.dumps({"B": list(B), "beta": list(beta), "gamma": list(gamma), "else": 1})
+    )
     given = [
         Degradation(add_water=w)
         for w in (list(NINE), str(file), file, Water(B, beta, gamma), np.array(NINE))
@@ -94,7 +96,9 @@ def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(
     scene = degraded(many(), add_water=tmp_path / "w.json")
     numbers = [*told["B"], *told["beta"], *told["gamma"]]
     view = scene.views[0].name
-    np.testing.assert_array_equal(scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb)
+    np.testing.assert_array_equal(
+        scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb
+    )
     (tmp_path / "w.json").write_text(json.dumps(told | {"encoding": "linear"}))
     with pytest.raises(InputError, match=r"linear.*gamma"):
         _ = degraded(many(), add_water=tmp_path / "w.json")[view].rgb
@@ -109,7 +113,10 @@ def test_depth_noise_is_relative_and_as_smooth_as_asked(grain: float):
     assert np.array_equal(view.depth == 0, depth == 0)
     relative = (view.depth.astype(float) / np.where(depth == 0, 1, depth))[20:] - 1
     near, far = relative[:, :150], relative[:, 150:]
-    assert (near.std(), far.std()) == (pytest.approx(0.05, rel=0.15), pytest.approx(0.05, rel=0.15))
+    assert (near.std(), far.std()) == (
+        pytest.approx(0.05, rel=0.15),
+        pytest.approx(0.05, rel=0.15),
+    )
     correlation = (relative[:, 1:] * relative[:, :-1]).mean() / (relative**2).mean()
     assert correlation == pytest.approx(np.exp(-1 / (4 * grain**2)) if grain else 0, abs=0.02)
     assert np.array_equal(view.rgb, photo(200, 300))
@@ -120,7 +127,9 @@ def test_holes_take_the_share_asked_for_of_the_known_pixels(grain: float, alike:
     """alike: of a hole's pixels, how many have another to their right: the share itself where each is its own."""
     depth = np.full((200, 300), 3.0)
     depth[:, :100] = 0
-    got = degraded(of(photo(200, 300), depth), depth_holes=0.75, depth_hole_px=grain)["a.png"].depth
+    got = degraded(of(photo(200, 300), depth), depth_holes=0.75, depth_hole_px=grain)[
+        "a.png"
+    ].depth
     lost = (got == 0)[:, 100:]
     assert lost.mean() == pytest.approx(0.75, abs=1e-3)
     assert (got[got > 0] == 3).all()
@@ -142,7 +151,9 @@ def test_pose_noise_moves_the_centre_and_turns_the_camera_by_what_is_asked():
         shifts.append(np.linalg.inv(before)[:3, 3] - np.linalg.inv(at)[:3, 3])
         np.testing.assert_allclose(before[:3, :3], at[:3, :3], atol=1e-12)
         turns.append(Rotation.from_matrix(after[:3, :3] @ at[:3, :3].T).as_rotvec(degrees=True))
-        np.testing.assert_allclose(np.linalg.inv(after)[:3, 3], np.linalg.inv(at)[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(
+            np.linalg.inv(after)[:3, 3], np.linalg.inv(at)[:3, 3], atol=1e-9
+        )
         np.testing.assert_allclose(after[:3, :3] @ after[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.std(shifts, axis=0) == pytest.approx([0.05] * 3, rel=0.1)
     assert np.std(turns, axis=0) == pytest.approx([2.0] * 3, rel=0.1)

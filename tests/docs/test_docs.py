@@ -22,7 +22,9 @@ from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PLUGINS_OF_EXAMPLES = ("halve_blue",)  # of pages that make them
-FREE = re.compile(r"(out|every|dataset\.root)=")  # commands that differ in these alone are alike
+FREE = re.compile(
+    r"(out|every|dataset\.root)="
+)  # commands that differ in these alone are alike
 
 
 def text_of(page: Path) -> str:
@@ -31,7 +33,9 @@ def text_of(page: Path) -> str:
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL
+    )
 
 
 def commands() -> list[str]:
@@ -46,7 +50,9 @@ def commands() -> list[str]:
 
 def mentioned() -> list[str]:
     """Every sucre-bench command within a sentence, but those that are of no options or only allude to some."""
-    found = {one for page in PAGES for one in re.findall(r"`(sucre-bench [^`]+)`", text_of(page))}
+    found = {
+        one for page in PAGES for one in re.findall(r"`(sucre-bench [^`]+)`", text_of(page))
+    }
     return sorted(one for one in found if "..." not in one)
 
 
@@ -128,7 +134,9 @@ def test_a_command_within_a_sentence_exists_with_its_options(line: str):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_targets_of_make_are_there(page: Path):
-    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    targets = set(
+        re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+    )
     lines = [line for code in blocks(page, "(?:sh)?") for line in code.splitlines()]
     lines += re.findall(r"`([^`\n]+)`", text_of(page))
     told = [found[1] for line in lines if (found := re.search(r"(?:^|\s)make ([a-z]+)$", line))]
@@ -151,7 +159,12 @@ def test_links_lead_somewhere_and_nothing_is_left_to_fill_in(page: Path):
 
 
 def test_every_page_is_in_the_sites_navigation():
-    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1].split("\ntheme:")[0]
+    nav = (
+        (ROOT / "mkdocs.yml")
+        .read_text(encoding="utf-8")
+        .split("\nnav:")[1]
+        .split("\ntheme:")[0]
+    )
     for page in (ROOT / "docs").glob("*.md"):
         assert f" {page.name}\n" in nav, page.name
 
@@ -191,7 +204,9 @@ def test_every_dataset_and_method_has_its_place():
 
 def test_contributing_names_files_that_are_there():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    places = {place for place in re.findall(r"`([\w./-]+)`", text) if place.endswith(("/", ".py"))}
+    places = {
+        place for place in re.findall(r"`([\w./-]+)`", text) if place.endswith(("/", ".py"))
+    }
     assert places
     roots = (ROOT, ROOT / "sucre_bench")
     assert not sorted(
@@ -224,7 +239,13 @@ def test_the_readmes_commands_run_as_they_stand(
     """All but `restore`, which other tests run; scores are of pictures that `run` made."""
     lines = [line for code in blocks(ROOT / "README.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
-    assert [line.split()[1] for line in lines] == ["run", "compare", "score", "score", "restore"]
+    assert [line.split()[1] for line in lines] == [
+        "run",
+        "compare",
+        "score",
+        "score",
+        "restore",
+    ]
     (tmp_path / "published.csv").write_text("image,UCIQE\nview_000.png,0.5\n")
     for line in lines[:4]:
         extra = [*small_demo, "tracking.uri=off"] if line.split()[1] == "run" else []

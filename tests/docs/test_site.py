@@ -26,7 +26,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         str(folder),
     ]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -66,7 +68,9 @@ def test_no_page_asks_for_anything_from_elsewhere_and_nothing_is_missing(site: P
 
 def test_every_formula_is_written_for_the_browser(site: Path):
     pages = {page.stem: page.read_text(encoding="utf-8") for page in site.glob("*.html")}
-    assert not [name for name, text in pages.items() if "arithmatex" in text or "\\frac" in text]
+    assert not [
+        name for name, text in pages.items() if "arithmatex" in text or "\\frac" in text
+    ]
     assert pages["formulas"].count('<div class="formula"><math') >= 10
     assert "<munder><mo>∑</mo>" in pages["formulas"]
 

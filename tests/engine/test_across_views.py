@@ -37,7 +37,9 @@ def test_a_views_score_is_the_mean_over_its_pairs_of_stored_pictures(out: Path):
     ]
     # All toy views have one camera, so that patches are blocks of 8 x 8 pixels: 5 x 7 of them are whole.
     patches = [p[:, :56].reshape(5, 8, 7, 8, 3).mean(axis=(1, 3)) for p in pictures]
-    between = {(i, j): np.abs(patches[i] - patches[j]).mean() for i in range(3) for j in range(3)}
+    between = {
+        (i, j): np.abs(patches[i] - patches[j]).mean() for i in range(3) for j in range(3)
+    }
     for n in range(3):
         own = [between[n, other] for other in range(3) if other != n]
         assert rows.loc[f"v{n}.png", "value"] == pytest.approx(np.mean(own), rel=1e-4)
@@ -113,11 +115,20 @@ def test_a_fault_of_a_metric_is_a_row_and_other_metrics_go_on(out: Path):
     assert (results.read(out).query("metric == 'redness'")["status"] == "ok").all()
 
 
-def test_single_pictures_are_skipped_with_the_reason(bench, tmp_path: Path, out: Path, toys: str):
+def test_single_pictures_are_skipped_with_the_reason(
+    bench, tmp_path: Path, out: Path, toys: str
+):
     apart(out)
     pictures = out / "restored" / "toy" / "gain"
     done = bench(
-        "score", str(pictures), "--metrics", "apart,uciqe", "--plugin", toys, "--csv", "scores.csv"
+        "score",
+        str(pictures),
+        "--metrics",
+        "apart,uciqe",
+        "--plugin",
+        toys,
+        "--csv",
+        "scores.csv",
     )
     assert done.returncode == 1, "a metric that was asked for gives nothing"
     rows = pd.read_csv(next(tmp_path.rglob("scores.csv")))

@@ -57,7 +57,9 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     assert set(rows.loc[rows["metric"] == "psnr", "n_pixels"]) == {40 * 30}
     stored = pd.read_parquet(both / "scores.parquet")
     is_own = ~stored["variant"].str.endswith("@common")
-    psnrs = stored[(stored["metric"] == "psnr") & (stored["method"] == "gain") & is_own]["value"]
+    psnrs = stored[(stored["metric"] == "psnr") & (stored["method"] == "gain") & is_own][
+        "value"
+    ]
     # a row a score, on all its pixels
     np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)
 
@@ -141,7 +143,9 @@ def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(
     assert scores(tmp_path, "common").isna().all(axis=None)
     done = bench("compare", str(tmp_path))
     assert "3 of 3 images" in done.stdout
-    assert "psnr" in bench("compare", str(tmp_path), "--pixels", "own", "--format", "csv").stdout
+    assert (
+        "psnr" in bench("compare", str(tmp_path), "--pixels", "own", "--format", "csv").stdout
+    )
 
 
 def rewrite(picture: Path) -> None:
@@ -154,7 +158,9 @@ def rewrite(picture: Path) -> None:
 # -- files that are gone or damaged ------------------------------------------------------------------------
 
 
-def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
+def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(
+    tmp_path: Path, toys: str, bench
+):
     # all black: the picture does not show the holes
     run(tmp_path, "method=left_half", "method.gain=0")
     pictures = tmp_path / "restored" / "toy" / "left_half"
@@ -174,7 +180,9 @@ def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path,
     for picture in (tmp_path / "restored").rglob("*.png"):
         rewrite(picture)
     sweep(tmp_path, "gain")
-    np.testing.assert_allclose(scores(tmp_path, "common")["gain"], psnr(slice(0, 30)), rtol=1e-6)
+    np.testing.assert_allclose(
+        scores(tmp_path, "common")["gain"], psnr(slice(0, 30)), rtol=1e-6
+    )
 
 
 # -- what cannot be scored again ---------------------------------------------------------------------------
@@ -186,7 +194,8 @@ def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(
     raw = ["metrics.psnr.variants=[raw]"]
     (scene,) = Toy().scenes()
     expected = [
-        -10 * np.log10(np.mean((view.rgb[:, :30] - view.reference[:, :30]) ** 2, dtype=np.float64))
+        -10
+        * np.log10(np.mean((view.rgb[:, :30] - view.reference[:, :30]) ** 2, dtype=np.float64))
         for view in scene
         if view.reference is not None
     ]

@@ -77,11 +77,15 @@ def test_it_prints_a_table_and_plots_before_and_after(scene: sb.Scene):
     assert means[3] == pytest.approx(2 * means[0], rel=0.05)
 
 
-def test_methods_that_fill_different_pixels_are_compared_on_those_that_all_fill(scene: sb.Scene):
+def test_methods_that_fill_different_pixels_are_compared_on_those_that_all_fill(
+    scene: sb.Scene,
+):
     methods = {"whole": Brighten(1.9), "half": LeftHalf()}
     compared = sb.compare_methods(scene, methods, ["psnr"], views=[0])
     (column,) = (column for column in compared.comparison.columns if column.metric == "psnr")
-    left = np.floor(compared.pictures["a.png", "whole"][:, :16]) / 255 - scene[0].reference[:, :16]
+    left = (
+        np.floor(compared.pictures["a.png", "whole"][:, :16]) / 255 - scene[0].reference[:, :16]
+    )
     assert column.pixels == "common"
     assert compared.comparison.cells["whole", column].mean == pytest.approx(
         -10 * np.log10(np.mean(left**2)), rel=1e-5

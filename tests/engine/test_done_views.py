@@ -79,7 +79,9 @@ def test_replicates_draw_anew_and_are_one_method(tmp_path: Path, toys: str):
 
 def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys: str):
     rows = toy(tmp_path, "method=gain,gain2", "degrade.noise=0.1", "replicate=1").rows
-    values = rows[rows["metric"] == "redness"].pivot(index="view", columns="method", values="value")
+    values = rows[rows["metric"] == "redness"].pivot(
+        index="view", columns="method", values="value"
+    )
     assert (values["gain"] == values["gain2"]).all()
 
 
@@ -96,7 +98,9 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(
     ]
     outcome = run([*small_demo, *words], True)
     assert outcome.ok == 2
-    told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("records.jsonl")]
+    told = [
+        json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("records.jsonl")
+    ]
     assert len(told) == 2
     pairing = {one["stage_seconds"]["pair"] for one in told}
     assert len(pairing) == 1

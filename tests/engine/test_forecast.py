@@ -11,7 +11,9 @@ from sucre_bench.engine.forecast import forecast
 WORDS = ["dataset=toy", "metrics=[psnr,redness]", "tracking.uri=off"]
 
 
-def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(tmp_path: Path, toys: str):
+def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(
+    tmp_path: Path, toys: str
+):
     out = tmp_path / "out"
     words = [*WORDS, f"out={out}", "method=gain"]
     (before,) = forecast(words, False)

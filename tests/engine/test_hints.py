@@ -45,7 +45,13 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     assert "hint" not in done.stderr
     assert (
         bench(
-            "run", "-m", *DEMO, "method=dim,gray_world", "dim.gain=2", "overwrite=always", *words
+            "run",
+            "-m",
+            *DEMO,
+            "method=dim,gray_world",
+            "dim.gain=2",
+            "overwrite=always",
+            *words,
         ).returncode
         == 0
     )

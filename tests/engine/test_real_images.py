@@ -59,7 +59,10 @@ def d5(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         "metrics=[psi,negative]",
     )
     outcome = run(
-        "seathru_d5_charts", tmp_path_factory.mktemp("d5"), f"dataset.image_scale={SCALE}", *words
+        "seathru_d5_charts",
+        tmp_path_factory.mktemp("d5"),
+        f"dataset.image_scale={SCALE}",
+        *words,
     )
     assert outcome.exit_code == 0
     return outcome
@@ -96,7 +99,9 @@ def is_wide(view: sb.View, chart: sb.Chart) -> bool:
     )
 
 
-def test_sucre_plus_differs_less_between_charts_and_few_of_its_colours_are_negative(d5: Outcome):
+def test_sucre_plus_differs_less_between_charts_and_few_of_its_colours_are_negative(
+    d5: Outcome,
+):
     # (views, charts)
     psi = {name: np.array(list(by_chart(d5.rows, name).values())) for name in SUCRE}
     negative = d5.rows[d5.rows["metric"] == "negative"].groupby("method")["value"].mean()
@@ -108,7 +113,8 @@ def patches(out: Path, method: str, view: str, chart: sb.Chart) -> dict[str, np.
     """Median colours of a chart's patches in a restored picture, by name."""
     picture = cv2.imread(str(out / "restored" / "colmap" / method / view))[..., ::-1]
     return {
-        reading.patch.name: reading.rgb for reading in measure(picture.astype(np.float32), chart)
+        reading.patch.name: reading.rgb
+        for reading in measure(picture.astype(np.float32), chart)
     }
 
 
@@ -118,6 +124,8 @@ def test_every_restorer_runs_on_the_pool(tmp_path: Path):
         "dataset.image_scale=0.15", "every=6", "metrics=[uciqe,uiqm,coverage]",
     )  # fmt: skip
     assert (outcome.ok, outcome.failed, outcome.skipped) == (10, (), ())
-    coverage = outcome.rows[outcome.rows["metric"] == "coverage"].groupby("method")["value"].mean()
+    coverage = (
+        outcome.rows[outcome.rows["metric"] == "coverage"].groupby("method")["value"].mean()
+    )
     assert coverage["underwater"] == 1
     assert 0.1 < coverage["sucre_paper"] < 0.9  # as far as its depth maps reach

@@ -60,7 +60,8 @@ def decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Decoded:
 
 def _run(out: Path, photos: Path, *words: str) -> None:
     assert (
-        run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code == 0
+        run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code
+        == 0
     )
 
 
@@ -94,7 +95,9 @@ def test_two_methods_decode_an_image_once_with_the_same_scores(
     assert one[columns].equals(other[columns])
 
 
-def test_nothing_is_left_but_what_is_asked_to_stay(tmp_path: Path, photos: Path, decoded: Decoded):
+def test_nothing_is_left_but_what_is_asked_to_stay(
+    tmp_path: Path, photos: Path, decoded: Decoded
+):
     out = tmp_path / "out"
     (out / ".decoded").mkdir(parents=True)
     (out / ".decoded" / "left by a run that was killed.part").write_bytes(b"x")

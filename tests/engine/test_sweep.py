@@ -114,21 +114,27 @@ def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
         "method=sucre,sucre_plus",
     )
     other = out.with_name("other") / "restored/demo/sucre"
-    with pytest.raises(SucreBenchError, match=rf"^{re.escape(str(other))}: .*sucre_plus\.water"):
+    with pytest.raises(
+        SucreBenchError, match=rf"^{re.escape(str(other))}: .*sucre_plus\.water"
+    ):
         run(out, *words, f"sucre_plus.water={other}", multirun=True)
     assert not (out / "scores.parquet").exists(), "nothing ran, not even the job before"
     outcome = run(out, *words, f"sucre_plus.water={out}/restored/demo/sucre", multirun=True)
     assert (outcome.ok, outcome.failed) == (2, ())
 
 
-def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path, tmp_path: Path):
+def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(
+    out: Path, tmp_path: Path
+):
     (tmp_path / "table").write_text("1")
     rows = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}").rows
     kept = rows[rows["view"] == "v0.png"].set_index("metric")["value"]
     assert kept["seconds"] == 12.5
     assert np.isnan(kept["peak_mb"])
     told = (out / "restored" / "toy" / "tabulated" / "records.jsonl").read_text().splitlines()
-    content = json.loads(told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    content = json.loads(
+        told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
+    )
     assert content["picture"] == "v0.png"
     assert (content["B"], content["beta"], content["deviation"]) == (
         [0.2] * 3,
@@ -173,7 +179,11 @@ def test_another_metric_later_keeps_the_scores_there_were(out: Path):
 
 @pytest.mark.parametrize(
     ("choice", "kept"),
-    [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})],
+    [
+        ("views=[v2.png]", {"v2.png"}),
+        ("every=2", {"v0.png", "v2.png"}),
+        ("first=1", {"v0.png"}),
+    ],
 )
 def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
     assert set(run(out, choice).rows["view"]) == kept
@@ -190,7 +200,9 @@ def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
         ("exit", {"SystemExit", "0"}),
     ],
 )
-def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str, named: set[str]):
+def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(
+    out: Path, fault: str, named: set[str]
+):
     outcome = run(out, "method=faulty", f"method.fault={fault}")
     assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (2, 1, 1)
     failed = outcome.rows[outcome.rows["status"] == "failed"]
@@ -219,7 +231,9 @@ class Uses:
 def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
+    (tmp_path / "broken_library_xyz.py").write_text(
+        "raise OSError('libcudart.so: cannot open')\n"
+    )
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
     plugins.load_file(tmp_path / "uses.py")
@@ -243,7 +257,8 @@ def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_i
 
 
 @pytest.mark.parametrize(
-    ("dataset", "named"), [("twins", r"two views .*'a.png'"), ("namesakes", r"2 scenes .*'one'")]
+    ("dataset", "named"),
+    [("twins", r"two views .*'a.png'"), ("namesakes", r"2 scenes .*'one'")],
 )
 def test_a_dataset_with_two_views_or_scenes_of_one_name_is_refused(
     out: Path, dataset: str, named: str
@@ -252,14 +267,18 @@ def test_a_dataset_with_two_views_or_scenes_of_one_name_is_refused(
         run(out, f"dataset={dataset}")
 
 
-def test_a_failed_view_is_tried_again_and_a_log_that_cannot_be_written_costs_no_result(out: Path):
+def test_a_failed_view_is_tried_again_and_a_log_that_cannot_be_written_costs_no_result(
+    out: Path,
+):
     (out / "logs" / "failures.log").mkdir(parents=True)
     assert run(out, "method=faulty").ok == 2
     again = run(out, "method=faulty")
     assert (again.cached, len(again.failed)) == (2, 1)
 
 
-def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_home_folder_is_understood(
+    toys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     assert run(Path("'~/results'"), "method.log='~/calls'").ok == 3
@@ -284,7 +303,10 @@ def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path)
 
 
 def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
-    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    out: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
     log = tmp_path / "log"
 

@@ -43,7 +43,9 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path):
     pd.testing.assert_frame_equal(*found)
 
 
-def test_one_worker_does_all_views_of_a_scene_for_a_method_that_sees_them_together(tmp_path: Path):
+def test_one_worker_does_all_views_of_a_scene_for_a_method_that_sees_them_together(
+    tmp_path: Path,
+):
     rows = rows_of(tmp_path, "method=named", "named.sees_whole_scene=true", "workers=4")
     assert rows.groupby("scene")["device"].nunique().to_dict() == {"left": 1, "right": 1}
     assert rows["view"].nunique() == 8

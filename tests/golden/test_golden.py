@@ -23,7 +23,9 @@ COSTS = ("seconds", "peak_mb")
 # parameter that the views hardly tell.
 FITS = ("gaussian_seathru", "haze_lines", "seathru", "sucre", "sucre_paper", "sucre_plus")
 MOVES_MOST = ("uism", "uiqm", "uicm", "water", "water_parameters")
-GOLDEN: Sequence[Mapping[str, Any]] = json.loads((HERE / "jobs.json").read_text(encoding="utf-8"))
+GOLDEN: Sequence[Mapping[str, Any]] = json.loads(
+    (HERE / "jobs.json").read_text(encoding="utf-8")
+)
 _OPTIONS = (
     "every",
     "first",
@@ -111,7 +113,9 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
 
     from sucre_bench import results
 
-    expected = pd.read_csv(HERE / "scores.csv", dtype=str, keep_default_na=False).set_index(KEYS)
+    expected = pd.read_csv(HERE / "scores.csv", dtype=str, keep_default_na=False).set_index(
+        KEYS
+    )
     scene = [
         "dataset=demo",
         "dataset.width=160",
@@ -126,7 +130,9 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
     assert set(found.index) == set(expected.index)
     assert set(found.columns) == set(expected.columns)
     found = found.loc[expected.index, expected.columns].fillna("")
-    old, new = (one.apply(pd.to_numeric, errors="coerce").to_numpy() for one in (expected, found))
+    old, new = (
+        one.apply(pd.to_numeric, errors="coerce").to_numpy() for one in (expected, found)
+    )
     tolerance = np.full(old.shape, 1e-6)
     is_fit = expected.columns.isin(FITS)
     tolerance[:, is_fit] = 2e-4

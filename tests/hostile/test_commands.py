@@ -45,7 +45,11 @@ CASES: dict[str, tuple[str, int, str]] = {
         r"none\.json: .*; .*method\.water",
     ),
     "a pipe as water": (f"{RUN_SUCRE} method.water=pipe.yaml", 2, r"pipe\.yaml: .*pipe; "),
-    "no water in a file": (f"{RUN_SUCRE} method.water=empty.json", 2, r"empty\.json: .*\bB\b.*; "),
+    "no water in a file": (
+        f"{RUN_SUCRE} method.water=empty.json",
+        2,
+        r"empty\.json: .*\bB\b.*; ",
+    ),
     "no water in a folder": (
         f"{RUN_SUCRE} method.water=dive/images",
         2,
@@ -77,8 +81,16 @@ CASES: dict[str, tuple[str, int, str]] = {
         2,
         r"^error: latin/\\udce9\.png: .*UTF-8; rename",
     ),
-    "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),
-    "a method twice in an experiment": ("run twice.yaml", 2, r"two jobs .* are the same, .*clahe"),
+    "a folder whose name is no UTF-8": (
+        "compare '\udce9'",
+        2,
+        r"^error: \\udce9: .*UTF-8; rename",
+    ),
+    "a method twice in an experiment": (
+        "run twice.yaml",
+        2,
+        r"two jobs .* are the same, .*clahe",
+    ),
     "a pixel at infinity": (
         "prepare dive/images out --length a.png inf 1 2 2 1",
         2,
@@ -92,7 +104,11 @@ CASES: dict[str, tuple[str, int, str]] = {
     ),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep experiment": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
-    "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
+    "a long path to run": (
+        f"run dataset=colmap dataset.root={LONG} method=gray_world",
+        2,
+        LONG,
+    ),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
     "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),
     "a long name of a new plugin": (f"new method {LONG}", 2, LONG),

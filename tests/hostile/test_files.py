@@ -32,7 +32,10 @@ def png_of_size(width: int, height: int) -> bytes:
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            struct.pack(">I", len(data))
+            + kind
+            + data
+            + struct.pack(">I", zlib.crc32(kind + data))
         )
 
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
@@ -188,7 +191,9 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
     missing = f"{LONG}.png"
     dive = write_dive(tmp_path / "dive", ["a.png", *names, *deep, "c.png"])
     model = dive / "sparse" / "images.txt"
-    model.write_text(model.read_text().replace("c.png", f"c.png\n\n99 1 0 0 0 0 0 0 1 {missing}"))
+    model.write_text(
+        model.read_text().replace("c.png", f"c.png\n\n99 1 0 0 0 0 0 0 1 {missing}")
+    )
     for name, (_, spoil, _) in zip(names, IMAGES.values(), strict=True):
         (dive / "images" / name).unlink()
         spoil(dive / "images" / name)
@@ -258,7 +263,9 @@ def with_alpha(dtype: type) -> np.ndarray:
     return np.dstack([TWO[0].astype(dtype) * (most // 255), alpha])
 
 
-@pytest.mark.parametrize(("compression", "channels"), [("packbits", [0, 1, 2, 3]), ("raw", [0, 3])])
+@pytest.mark.parametrize(
+    ("compression", "channels"), [("packbits", [0, 1, 2, 3]), ("raw", [0, 3])]
+)
 def test_colours_below_transparency_are_those_stored(
     tmp_path: Path, compression: str, channels: list[int]
 ) -> None:
@@ -317,7 +324,9 @@ PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {
 }
 
 
-def test_restorations_of_others_are_held_against_the_view_before_they_are_decoded(tmp_path: Path):
+def test_restorations_of_others_are_held_against_the_view_before_they_are_decoded(
+    tmp_path: Path,
+):
     names = [f"v{number}.png" for number in range(len(PRECOMPUTED))]
     write_dive(tmp_path / "dive", ["a.png", *names])
     (tmp_path / "restored").mkdir()

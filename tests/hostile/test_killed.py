@@ -43,7 +43,9 @@ RUN += ["tracking.uri=off", "report=false", "out=results"]
 
 def rows_and_pictures(folder: Path) -> Any:
     """The score table without what differs from run to run, and the pictures."""
-    pictures = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
+    pictures = {
+        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")
+    }
     return but_times(results.read(folder / "results")).to_csv(index=False), pictures
 
 
@@ -58,9 +60,7 @@ def bundled(folder: Path) -> Any:
 
 def tracked(folder: Path) -> Any:
     """The runs that are the newest, how they ended, and their numbers."""
-    latest = (
-        "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
-    )
+    latest = "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
     with sqlite3.connect(folder / "mlflow.db") as store:
         runs = store.execute(f"SELECT name, status FROM runs {latest} ORDER BY 1").fetchall()
         numbers = f"SELECT name, m.key, m.value FROM runs JOIN latest_metrics m ON m.run_uuid = runs.run_uuid {latest}"
@@ -140,7 +140,8 @@ def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(
     # The number of changes differs: quick machines write rows together, and some rows are there already.
     ends = [killed_at(moment, tmp_path / "killed", case.words) for moment in moments]
     assert (
-        -signal.SIGKILL in ends or killed_at(1, tmp_path / "killed", case.words) == -signal.SIGKILL
+        -signal.SIGKILL in ends
+        or killed_at(1, tmp_path / "killed", case.words) == -signal.SIGKILL
     )
     again = Started(tmp_path / "killed", *case.words).ended()
     assert again.returncode == done.returncode, again.stderr
@@ -168,7 +169,9 @@ def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(
     shutil.copytree(tmp_path / "results", tmp_path / "later" / "results")
     assert run_here(tmp_path / "later", *RUN, "overwrite=always").returncode == 1
     assert not [
-        path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"
+        path
+        for path in (tmp_path / "later").rglob(".writing-*")
+        if path.parent.name != "report"
     ]
 
 
@@ -179,7 +182,9 @@ SLEEPING = "import os, pathlib, sys, time; pathlib.Path(sys.argv[1]).write_text(
 def test_no_program_of_a_method_lives_longer_than_the_command(tmp_path: Path, end: str):
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     told = tmp_path / "pid"
-    program = f"method.run='{sys.executable} -S {tmp_path}/sleeping.py {told} {{input}} {{output}}'"
+    program = (
+        f"method.run='{sys.executable} -S {tmp_path}/sleeping.py {told} {{input}} {{output}}'"
+    )
     started, terminal = pty.fork()
     if not started:
         os.chdir(tmp_path)

@@ -116,7 +116,9 @@ def test_a_file_of_one_view_is_named_and_the_other_view_stays(
 
 # Photographs of FLSea are used as they are without a calibration, and SQUID's pairs have no depth without maps.
 OPTIONAL = {("canyons/calibration/*.txt", fault) for fault in NO_FAULT}
-OPTIONAL |= {("image_set_01/*.mat", fault) for fault in {*NO_FAULT, "a pipe", "a link to itself"}}
+OPTIONAL |= {
+    ("image_set_01/*.mat", fault) for fault in {*NO_FAULT, "a pipe", "a link to itself"}
+}
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,9 @@ def place(made: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_an_output_that_would_destroy_something_is_refused(place: Path, case: tuple[str, str, str]):
+def test_an_output_that_would_destroy_something_is_refused(
+    place: Path, case: tuple[str, str, str]
+):
     command, target, said = case
     before = _state(place / target)
     done = run_here(place, *shlex.split(command))
@@ -149,7 +151,8 @@ def test_force_writes_over_a_file_of_others(place: Path):
 
 
 @pytest.mark.parametrize(
-    "command", ["report results", "run dataset=colmap dataset.root=dive method=clahe out=results"]
+    "command",
+    ["report results", "run dataset=colmap dataset.root=dive method=clahe out=results"],
 )
 def test_nothing_is_written_where_a_link_leads_out_of_the_results(place: Path, command: str):
     (place / "results/report").rename(place / "elsewhere")

@@ -57,11 +57,15 @@ DEATHS = {
 }
 
 
-def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(tmp_path: Path):
+def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(
+    tmp_path: Path,
+):
     acts = ",".join(DEATHS)
     sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]", "workers=2")
     done = Started(tmp_path, *sweep).ended()
-    check(done, tmp_path, acts, {act: f"the process died ({how}" for act, how in DEATHS.items()})
+    check(
+        done, tmp_path, acts, {act: f"the process died ({how}" for act, how in DEATHS.items()}
+    )
     assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
     before = restorations(tmp_path)["time"].to_dict()
 
@@ -165,13 +169,19 @@ HARMS = ("libraries", "leaks", "late-segfault")
 
 
 @pytest.mark.parametrize("harm", HARMS)
-def test_what_a_view_does_to_its_process_is_no_matter_to_other_methods(tmp_path: Path, harm: str):
+def test_what_a_view_does_to_its_process_is_no_matter_to_other_methods(
+    tmp_path: Path, harm: str
+):
     sweep = words(harm, "-m", "method=actor,gray_world", "metrics=[coverage]")
     done = Started(tmp_path, *sweep).ended()
     assert done.returncode in (0, 1), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
     other = restorations(tmp_path, "gray_world")
-    assert other["status"].to_dict() == {"before.png": "ok", f"{harm}.png": "ok", "after.png": "ok"}
+    assert other["status"].to_dict() == {
+        "before.png": "ok",
+        f"{harm}.png": "ok",
+        "after.png": "ok",
+    }
     rows = restorations(tmp_path)
     assert set(rows.index) == {"before.png", f"{harm}.png", "after.png"}, "each view has a row"
     assert rows.loc["before.png", "status"] == "ok"
@@ -200,7 +210,9 @@ def test_jobs_of_joblib_lose_no_more_than_the_view_at_which_one_dies(tmp_path: P
 
 
 def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
-    done = Started(tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]")).ended()
+    done = Started(
+        tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]")
+    ).ended()
     rows = results.read(tmp_path / "results").set_index(["metric", "view"])
     assert "exit code 7" in rows.loc[("critic", "after.png"), "reason"]
     assert rows.loc[("critic", "fine.png"), "value"] == 0.5

@@ -70,7 +70,10 @@ FORMATS: dict[str, tuple[bytes, Callable[[Path], Any]]] = {
         lambda path: read_array(path, lambda names: names[0]),
     ),
     "water.json": (b'{"B": [1, 2, 3], "beta": [0.1, 0.2, 0.3]}', read_water),
-    "water.npz": (through(lambda file: np.savez(file, B=np.ones(3), beta=np.ones(3))), read_water),
+    "water.npz": (
+        through(lambda file: np.savez(file, B=np.ones(3), beta=np.ones(3))),
+        read_water,
+    ),
     "mine.yaml": (
         b"every: 4\nhydra: {sweeper: {methods: [gray_world]}}\n",
         lambda path: jobs([str(path)], True),
@@ -113,7 +116,9 @@ def changed(content: bytes, end: float, spots: list[tuple[float, bytes]]) -> byt
 @tried
 @given(name=st.sampled_from(sorted(FORMATS)), end=st.floats(0, 1) | st.just(1.0), spots=changes)
 @example(name="a.tif", end=0.004, spots=[])
-def test_cut_and_changed_files_are_named(name: str, end: float, spots: list[tuple[float, bytes]]):
+def test_cut_and_changed_files_are_named(
+    name: str, end: float, spots: list[tuple[float, bytes]]
+):
     content, reader = FORMATS[name]
     read(reader, name, changed(content, end, spots))
 
@@ -133,12 +138,18 @@ def model() -> dict[str, bytes]:
     end=st.floats(0, 1) | st.just(1.0),
     spots=changes,
 )
-@example(name="cameras.bin", end=1.0, spots=[(0.4375, b"\x01")])  # a height of 4,294,967,326 pixels
+@example(
+    name="cameras.bin", end=1.0, spots=[(0.4375, b"\x01")]
+)  # a height of 4,294,967,326 pixels
 # focal 1e212
 @example(
-    name="cameras.bin", end=1.0, spots=[(0.984375, bytes(8)), (0.5625, b"T"), (0.65625, b"\x00l")]
+    name="cameras.bin",
+    end=1.0,
+    spots=[(0.984375, bytes(8)), (0.5625, b"T"), (0.65625, b"\x00l")],
 )
-def test_cut_and_changed_models_are_named(name: str, end: float, spots: list[tuple[float, bytes]]):
+def test_cut_and_changed_models_are_named(
+    name: str, end: float, spots: list[tuple[float, bytes]]
+):
     with tempfile.TemporaryDirectory() as folder:
         sparse = Path(folder)
         for own, content in model().items():

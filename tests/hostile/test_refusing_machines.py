@@ -68,7 +68,13 @@ def on_small_disk(
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     whole = [*mount, f"{disk} && {script}"]
     return subprocess.run(
-        whole, cwd=folder, check=False, capture_output=True, text=True, timeout=600, env=environment
+        whole,
+        cwd=folder,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=environment,
     )
 
 
@@ -121,7 +127,12 @@ FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
         r"parted/parts: .*Permission denied; let",
     ),
     "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: .*written.*; "),
-    "write a plugin": ("full", 0o500, "new method mine --package full", r"full/.*: .*written.*; "),
+    "write a plugin": (
+        "full",
+        0o500,
+        "new method mine --package full",
+        r"full/.*: .*written.*; ",
+    ),
 }
 
 
@@ -136,7 +147,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("path", "mode", "command", "said"), FORBIDDEN.values(), ids=FORBIDDEN)
-def test_a_missing_right_is_one_line(place: Path, path: str, mode: int, command: str, said: str):
+def test_a_missing_right_is_one_line(
+    place: Path, path: str, mode: int, command: str, said: str
+):
     skip_unless_refused(place)
     before = results.read(place / "results")
     usual = (place / path).stat().st_mode

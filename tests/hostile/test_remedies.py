@@ -49,9 +49,13 @@ CASES = {
         f"{RUN} {GRAY} display=none", r"write (method\.display=none)", (f"{RUN} {GRAY} {{1}}",)
     ),
     "a mistyped view": Case(
-        f"{RUN} {GRAY} views=[aa.png]", r"did you mean '(.*?)'", (f"{RUN} {GRAY} views=[{{1}}]",)
+        f"{RUN} {GRAY} views=[aa.png]",
+        r"did you mean '(.*?)'",
+        (f"{RUN} {GRAY} views=[{{1}}]",),
     ),
-    "a word without =": Case(f"{RUN} {GRAY} gray_wrld", r"write sucre-bench (run .*)", ("{1}",)),
+    "a word without =": Case(
+        f"{RUN} {GRAY} gray_wrld", r"write sucre-bench (run .*)", ("{1}",)
+    ),
     "no metric": Case(
         f"{RUN} method=gray_world metrics=[]",
         r"add metrics=\[NAME,\.\.\.\], `sucre-bench (list metrics)`",
@@ -78,7 +82,10 @@ CASES = {
         1,
     ),
     "a damaged table": Case(
-        "compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table
+        "compare done",
+        r"; .*delete",
+        (f"{RUN} {GRAY} out=fresh", "compare fresh"),
+        damaged_table,
     ),
     "no results to compare": Case(
         "compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")
@@ -86,7 +93,9 @@ CASES = {
     "no bundle": Case(
         "verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")
     ),
-    "a bundle of another suffix": Case("bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)),
+    "a bundle of another suffix": Case(
+        "bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)
+    ),
     "a limit without a baseline": Case(
         "compare done --fail-below coverage=-0.5",
         r"needs (--baseline) METHOD",

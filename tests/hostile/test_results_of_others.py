@@ -83,7 +83,9 @@ def place(made: Path, tmp_path: Path) -> Path:
 def test_code_that_a_results_folder_names_does_not_run(place: Path, name: str):
     done = run_here(place, *COMMANDS[name].split())
     assert not (place / "ran").exists()
-    if name in OF_CONFIG and name != "compare":  # which needs no code for scores of the same pixels
+    if (
+        name in OF_CONFIG and name != "compare"
+    ):  # which needs no code for scores of the same pixels
         assert "evil.py" in done.stderr
         assert "--plugin" in done.stderr
 
@@ -108,7 +110,8 @@ def test_a_bundle_takes_no_file_as_code_that_was_not_loaded(place: Path):
 
 
 @pytest.mark.parametrize(
-    "name", ["restored/colmap/clahe/a.png", "views/colmap/a.jpg", "environment.json", "config.yaml"]
+    "name",
+    ["restored/colmap/clahe/a.png", "views/colmap/a.jpg", "environment.json", "config.yaml"],
 )
 def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str):
     (place / "secret").write_text("a secret")

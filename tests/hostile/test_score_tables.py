@@ -15,7 +15,9 @@ from sucre_bench import results
 from sucre_bench.results.rows import Row
 
 ROWS = results.frame(
-    replace(Row("toy", "toy", f"v{n}.png", "gain", metric=metric, value=1.0 + n), variant=variant)
+    replace(
+        Row("toy", "toy", f"v{n}.png", "gain", metric=metric, value=1.0 + n), variant=variant
+    )
     for n in range(3)
     for metric, variant in (("seconds", "wall"), ("psnr", "masked"))
 )
@@ -108,5 +110,6 @@ def test_a_table_of_nothing_but_nan_is_one_line_with_a_remedy(tmp_path: Path):
     done = run_here(tmp_path, "compare", "results")
     assert done.returncode == 2
     assert [
-        re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None for line in done.errors
+        re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None
+        for line in done.errors
     ] == [True]

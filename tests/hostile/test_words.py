@@ -28,7 +28,8 @@ texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="/")
 values = st.sampled_from(VALUES) | texts | st.integers().map(str) | st.floats().map(str)
 keys = st.sampled_from(KEYS) | texts
 words = (
-    st.builds("{}{}={}".format, st.sampled_from(["", "", "", "+", "++", "~"]), keys, values) | texts
+    st.builds("{}{}={}".format, st.sampled_from(["", "", "", "+", "++", "~"]), keys, values)
+    | texts
 )
 
 

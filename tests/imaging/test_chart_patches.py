@@ -106,11 +106,13 @@ def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray()
     for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
         row, column = divmod(k, 6)
         own = lab[f"{'EFGHIJ'[column]}{row + 2}"]
-        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(*classic[k][1:]), (
-            "of one hue"
-        )
+        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(
+            *classic[k][1:]
+        ), "of one hue"
     readings = measure(painted(sg, TILTED, (300, 420)), Chart("c", "colorchecker_sg", TILTED))
-    np.testing.assert_allclose([r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6)
+    np.testing.assert_allclose(
+        [r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6
+    )
 
 
 OWN = """# illuminant: {illuminant}
@@ -145,7 +147,9 @@ def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> Non
     assert chart_kind(str(path)).patches[1].lab == (53.24, 80.09, 67.20)
 
 
-def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_path: Path) -> None:
+def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(
+    tmp_path: Path,
+) -> None:
     own = "name,x0,y0,x1,y1,L,a,b,R,G,B\nteal,0,0,9,9,50,-20,-20,0,51,255\n"
     (tmp_path / "own.csv").write_text("# illuminant: D50\n# frame: 9 x 9\n" + own)
     entry = {"images": {"a.png": {"c": {"kind": "own.csv", "corners": TILTED.tolist()}}}}
@@ -188,7 +192,9 @@ def write_spectra(
     path.write_text("\n".join([top, *rows]))
 
 
-def test_measured_reflectances_give_the_colours_that_are_published_of_them(tmp_path: Path) -> None:
+def test_measured_reflectances_give_the_colours_that_are_published_of_them(
+    tmp_path: Path,
+) -> None:
     colour = colour_science()
     spectra, published = (
         table["BabelColor Average"]
@@ -196,7 +202,10 @@ def test_measured_reflectances_give_the_colours_that_are_published_of_them(tmp_p
     )
     path, nm = tmp_path / "own.csv", range(380, 740, 10)
     write_spectra(
-        path, "# illuminant: D50\n", nm, {name: spectra[name].values.tolist() for name in spectra}
+        path,
+        "# illuminant: D50\n",
+        nm,
+        {name: spectra[name].values.tolist() for name in spectra},
     )
     lab = np.array([patch.lab for patch in chart_kind(str(path)).patches])
     xyY = np.array([published.data[name] for name in spectra])
@@ -205,7 +214,9 @@ def test_measured_reflectances_give_the_colours_that_are_published_of_them(tmp_p
     )
 
 
-def test_a_camera_and_an_illuminant_of_ones_own_say_how_a_reflectance_looks(tmp_path: Path) -> None:
+def test_a_camera_and_an_illuminant_of_ones_own_say_how_a_reflectance_looks(
+    tmp_path: Path,
+) -> None:
     half = [0.5] * 4
     (tmp_path / "lamp.csv").write_text("wavelength,power\n400,1\n700,4\n")
     # A camera whose red is all that is over 600 nm, and so on; the second patch reflects that alone.

@@ -36,7 +36,9 @@ def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
 
     text = b"Deep Sea RGB\0"
     tags = [(f"{c}XYZ".encode(), xyz(p)) for c, p in zip("rgb", primaries, strict=True)]
-    tags += [(f"{c}TRC".encode(), curve) for c in "rgbk"] + [(b"wtpt", xyz((0.9642, 1, 0.8249)))]
+    tags += [(f"{c}TRC".encode(), curve) for c in "rgbk"] + [
+        (b"wtpt", xyz((0.9642, 1, 0.8249)))
+    ]
     tags += [(b"desc", b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(79))]
     body, table = b"", b""
     for name, tag in tags:
@@ -52,7 +54,16 @@ def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
         + bytes(28)
     )
     white = b"".join(struct.pack(">i", round(x * 65536)) for x in (0.9642, 1, 0.8249))
-    return size + bytes(4) + about + white + bytes(48) + struct.pack(">I", len(tags)) + table + body
+    return (
+        size
+        + bytes(4)
+        + about
+        + white
+        + bytes(48)
+        + struct.pack(">I", len(tags))
+        + table
+        + body
+    )
 
 
 def colours() -> np.ndarray:
@@ -66,7 +77,9 @@ def png(path: Path, chunks: bytes, picture: np.ndarray) -> None:
 
 
 def chunk(content: bytes) -> bytes:
-    return struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+    return (
+        struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+    )
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "webp"])
@@ -111,7 +124,12 @@ def test_what_exif_and_png_say_is_the_same_as_an_icc_profile(tmp_path: Path) -> 
     png(tmp_path / "cicp.png", chunk(b"cICP\x0c\x0d\0\1"), colours())
     Image.fromarray(colours()).save(tmp_path / "adobe.png", icc_profile=adobe)
     Image.fromarray(colours()).save(tmp_path / "p3.png", icc_profile=p3)
-    for name, same in (("space", "adobe"), ("rule", "adobe"), ("cicp", "p3"), ("chrm", "adobe")):
+    for name, same in (
+        ("space", "adobe"),
+        ("rule", "adobe"),
+        ("cicp", "p3"),
+        ("chrm", "adobe"),
+    ):
         found, expected = (read_srgb(tmp_path / f"{one}.png")[0] for one in (name, same))
         assert np.abs(found - expected).max() < 0.004, name
 
@@ -137,4 +155,6 @@ def test_methods_see_stored_values_and_scores_are_of_srgb(tmp_path: Path) -> Non
     rows = score(Restoration(view.rgb), view, metrics=["psnr:unmasked"])
     assert rows["value"].iloc[0] > 55
     untagged = View("a.png", Arrays(view.rgb, reference=view.reference))
-    assert score(Restoration(view.rgb), untagged, metrics=["psnr:unmasked"])["value"].iloc[0] < 30
+    assert (
+        score(Restoration(view.rgb), untagged, metrics=["psnr:unmasked"])["value"].iloc[0] < 30
+    )

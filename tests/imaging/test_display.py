@@ -38,7 +38,9 @@ def test_one_black_for_all_channels_is_subtracted_before_each_is_scaled() -> Non
     image = IMAGE * [0.2, 0.5, 1.0] + 0.1
     shown = display(image, "black-5-white-99")
     low = np.percentile(image, 5)
-    expected = ((image - low) / (np.percentile(image.reshape(-1, 3), 99, axis=0) - low)).clip(0, 1)
+    expected = ((image - low) / (np.percentile(image.reshape(-1, 3), 99, axis=0) - low)).clip(
+        0, 1
+    )
     np.testing.assert_allclose(shown, expected, atol=1e-6)
 
 
@@ -66,7 +68,9 @@ def test_views_of_one_scene_are_shown_alike(how: str) -> None:
     whole = display(np.concatenate([dark, bright]), how)
     over = np.concatenate([dark, bright]).reshape(-1, 1, 3)
     np.testing.assert_allclose(display(dark, f"{how}@scene", over=over), whole[:20], atol=1e-6)
-    np.testing.assert_allclose(display(bright, f"{how}@scene", over=over), whole[20:], atol=1e-6)
+    np.testing.assert_allclose(
+        display(bright, f"{how}@scene", over=over), whole[20:], atol=1e-6
+    )
 
 
 def test_a_linear_stretch_is_a_stretch_of_light() -> None:
@@ -74,7 +78,9 @@ def test_a_linear_stretch_is_a_stretch_of_light() -> None:
     low, high = np.percentile(light.reshape(-1, 3), [1, 99], axis=0)
     expected = srgb_encode(((light - low) / (high - low)).clip(0, 1))
     np.testing.assert_allclose(display(IMAGE, "linear-stretch-1-99"), expected, atol=1e-6)
-    np.testing.assert_allclose(display(light, "linear-stretch-1-99", "linear"), expected, atol=1e-6)
+    np.testing.assert_allclose(
+        display(light, "linear-stretch-1-99", "linear"), expected, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,7 +127,9 @@ def test_they_are_numpys_of_every_channel(dtype: type) -> None:
         valid = np.random.default_rng(1).random(image.shape[:2]) < 0.7
         valid[0, 0] = True
         expected = np.percentile(image.reshape(-1, 3).astype(np.float64), Q, axis=0)
-        np.testing.assert_allclose(channel_percentiles(image, Q), expected, rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(
+            channel_percentiles(image, Q), expected, rtol=1e-13, atol=1e-13
+        )
         expected = np.percentile(image[valid].astype(np.float64), Q, axis=0)
         image[~valid] = np.nan  # what does not count may hold anything
         np.testing.assert_allclose(

@@ -101,7 +101,8 @@ def test_the_weaker_a_channel_the_more_of_it_the_stretch_cuts():
     for c, cut in ((0, 0.05), (1, 0.005)):  # red is ten times weaker
         # The k-th smallest of 1000 is the quantile (k - .5) / 1000: .05 is between the 50th and the 51st.
         bottom, top = (
-            np.interp(q * 1000, np.arange(1000) + 0.5, rgb[..., c].ravel()) for q in (cut, 1 - cut)
+            np.interp(q * 1000, np.arange(1000) + 0.5, rgb[..., c].ravel())
+            for q in (cut, 1 - cut)
         )
         expected = ((rgb[..., c].astype(np.float64) - bottom) / (top - bottom)).clip(0, 1)
         np.testing.assert_allclose(balanced[..., c], expected, atol=1e-5)
@@ -182,7 +183,9 @@ def test_nothing_is_nearer_or_farther_than_what_is_known_around_a_hole() -> None
     found = completed_distance(z, rng.random((HEIGHT, WIDTH, 3)).astype(np.float32))
     assert found.min() >= z[z > 0].min() * (1 - 1e-6)
     assert found.max() <= z.max() * (1 + 1e-6)
-    assert found[:40].min() > 5, "water above the ground is as far as the farthest ground below it"
+    assert found[:40].min() > 5, (
+        "water above the ground is as far as the farthest ground below it"
+    )
 
 
 def scene() -> tuple[Scene, np.ndarray]:
@@ -193,7 +196,9 @@ def scene() -> tuple[Scene, np.ndarray]:
     )
     depth = (8 / (1 + V / HEIGHT)).astype(np.float32)
     J = rng.uniform(0.1, 0.9, (HEIGHT, WIDTH, 3))
-    water = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.2, 0.15]))
+    water = Water(
+        np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.2, 0.15])
+    )
     z = View("x", Arrays(J, depth), camera).distance[..., None]
     seen = J * np.exp(-water.attenuation * z) + water.veiling_light * (
         1 - np.exp(-water.backscatter * z)
@@ -224,7 +229,9 @@ def test_every_method_that_needs_depth_fills_and_leaves_the_rest_as_it_is(method
         "sucre_plus": {"water": "truth"},
         "sucre_paper": {"steps": 3},
     }.get(method, {})
-    plain, filled = (sb.restore(method, made, view, fill=fill, **options) for fill in (False, True))
+    plain, filled = (
+        sb.restore(method, made, view, fill=fill, **options) for fill in (False, True)
+    )
     holes = view.depth == 0
     assert plain.filled is None
     assert filled.filled is not None
@@ -234,7 +241,9 @@ def test_every_method_that_needs_depth_fills_and_leaves_the_rest_as_it_is(method
     assert np.isfinite(filled.picture).all()
     np.testing.assert_array_equal(filled.picture[~holes], plain.shown[~holes])
     rows = [sb.score(one, view, metrics=["psnr", "coverage"]) for one in (plain, filled)]
-    a, b = (row.loc[row["metric"].isin(["psnr", "coverage"]), "value"].to_numpy() for row in rows)
+    a, b = (
+        row.loc[row["metric"].isin(["psnr", "coverage"]), "value"].to_numpy() for row in rows
+    )
     np.testing.assert_array_equal(a, b)
 
 
@@ -274,13 +283,16 @@ def test_forms_are_those_of_papers() -> None:
     assert psnr("@y", truth=truth) == pytest.approx(
         -10 * np.log10(np.mean((y[0] - y[1]) ** 2)), abs=1e-3
     )
-    assert psnr("@range2", truth=truth) == pytest.approx(psnr("", truth=truth) + 20 * np.log10(2))
+    assert psnr("@range2", truth=truth) == pytest.approx(
+        psnr("", truth=truth) + 20 * np.log10(2)
+    )
     dull = np.rint((0.2 + 0.5 * PICTURE) * 255).astype(np.float32) / 255
     assert psnr("@minmax", dull, truth=PICTURE) > 45 > psnr("", dull, truth=PICTURE)
 
 
 @pytest.mark.parametrize(
-    "text", ["funie@", "funie@0", "funie@256x256", "funie@256-lanczos", "funie@-256", "funie@crop"]
+    "text",
+    ["funie@", "funie@0", "funie@256x256", "funie@256-lanczos", "funie@-256", "funie@crop"],
 )
 def test_other_sizes_are_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"^variant '"):
@@ -307,7 +319,9 @@ def test_a_score_at_256_is_that_of_the_pictures_resized_in_8_bits() -> None:
     )
     image, truth = small
     named = sb.score(
-        Restoration(PICTURE), View("a.png", Arrays(PICTURE, None, reference)), ["psnr:masked@48"]
+        Restoration(PICTURE),
+        View("a.png", Arrays(PICTURE, None, reference)),
+        ["psnr:masked@48"],
     )
     by_hand = sb.score(
         Restoration(image), View("a.png", Arrays(image, None, truth)), ["psnr:masked"]

@@ -109,7 +109,9 @@ def test_the_farthest_hundredth_is_not_trusted_nor_is_what_is_unknown():
 
 def test_distances_are_flat_within_a_fiftieth_and_doubts_name_their_channels():
     doubts = {"veil": np.array([True, False, True]), "light": np.zeros(3, dtype=bool)}
-    assert undetermined(np.array([5.0, 5.09]), "anything", doubts).endswith("equally far: anything")
+    assert undetermined(np.array([5.0, 5.09]), "anything", doubts).endswith(
+        "equally far: anything"
+    )
     assert undetermined(np.array([5.0, 5.11]), "anything", doubts) == "veil of red, blue"
 
 
@@ -155,10 +157,13 @@ def test_distances_gone_astray_hardly_move_the_water(method: str, astray_m: floa
     depth.ravel()[np.random.default_rng(0).permutation(depth.size)[:60]] = astray_m
     options = {"attenuation": "two_term"} if method == "seathru" else {}
     clean, astray = (
-        restore(method, v, **options) for v in (view, replace(view, pixels=Arrays(view.rgb, depth)))
+        restore(method, v, **options)
+        for v in (view, replace(view, pixels=Arrays(view.rgb, depth)))
     )
     np.testing.assert_allclose(veil(water_of(astray)), veil(water_of(clean)), atol=0.015)
-    np.testing.assert_allclose(water_of(astray).attenuation, water_of(clean).attenuation, rtol=0.04)
+    np.testing.assert_allclose(
+        water_of(astray).attenuation, water_of(clean).attenuation, rtol=0.04
+    )
     same = depth < 9
     assert np.abs(astray.image - clean.image)[same].mean() < 0.01
     assert np.isfinite(astray.image).all()

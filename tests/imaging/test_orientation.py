@@ -35,4 +35,6 @@ def test_the_output_of_any_program_lies_as_its_photograph(
         scene(output, orientation)
     stored = read_rgb(photograph)
     assert np.array_equal(upright(stored, orientation), turned)
-    assert np.array_equal(lying_as(read_rgb(output), output, lambda: stored, photograph), stored)
+    assert np.array_equal(
+        lying_as(read_rgb(output), output, lambda: stored, photograph), stored
+    )

@@ -24,7 +24,9 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 
 def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
-    return compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
+    return compose_jobs.jobs(
+        ["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun
+    )
 
 
 @pytest.mark.parametrize(
@@ -107,7 +109,10 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     assert label("method.gain=0.5", "method.log=/tmp/x") == "gain"
     assert label("method.gain=2", "method.label=mine") == "mine"
     swept = jobs(
-        "method.gain=0.5,1", "method.log=/tmp/x,/elsewhere/y", "method.mode=fancy", multirun=True
+        "method.gain=0.5,1",
+        "method.log=/tmp/x,/elsewhere/y",
+        "method.mode=fancy",
+        multirun=True,
     )
     assert [j.method.label for j in swept.jobs] == [
         "gain,gain=0.5,log=x", "gain,gain=0.5,log=y", "gain,gain=1.0,log=x", "gain,gain=1.0,log=y",
@@ -118,7 +123,10 @@ def test_a_label_of_ones_own_says_which_swept_value_it_has():
     sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
     assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
     own = jobs(
-        "method.gain=1,2", "method.mode=plain,fancy", "method.label='gain {gain}'", multirun=True
+        "method.gain=1,2",
+        "method.mode=plain,fancy",
+        "method.label='gain {gain}'",
+        multirun=True,
     )
     assert [job.method.label for job in own.jobs] == [
         f"gain {n}.0,mode={m}" for n in (1, 2) for m in ("plain", "fancy")
@@ -149,7 +157,9 @@ def test_every_job_of_a_sweep_is_checked_before_any_runs():
             jobs(f"method.gain={values}", multirun=True)
 
 
-def test_glob_means_all_that_need_nothing_and_names_the_others(capsys: pytest.CaptureFixture[str]):
+def test_glob_means_all_that_need_nothing_and_names_the_others(
+    capsys: pytest.CaptureFixture[str],
+):
     with progress.live():
         sweep = jobs("method=glob([gray_world,ul*,onnx,command,f*],exclude=f*)", multirun=True)
     assert {job.method.label for job in sweep.jobs} == {"gray_world", "ulap"}

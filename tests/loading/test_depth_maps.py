@@ -32,7 +32,9 @@ def test_the_only_channel_is_the_depth(tmp_path: Path, dtype: Any) -> None:
 
 
 def test_of_several_channels_it_is_z(tmp_path: Path) -> None:
-    depth = read_depth(write(tmp_path / "a.exr", {"A": 0 * METRES, "R": METRES + 1, "Z": METRES}))
+    depth = read_depth(
+        write(tmp_path / "a.exr", {"A": 0 * METRES, "R": METRES + 1, "Z": METRES})
+    )
     np.testing.assert_array_equal(depth, METRES)
 
 
@@ -51,7 +53,9 @@ def test_channels_without_a_depth_are_named(tmp_path: Path) -> None:
         read_depth(write(tmp_path / "a.exr", {"A": METRES, "G": METRES}))
 
 
-def test_without_the_package_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(InputError, match="pip install OpenEXR"):
         read_depth(tmp_path / "a.exr")

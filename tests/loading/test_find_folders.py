@@ -43,7 +43,10 @@ def test_links_in_a_circle_end_and_each_folder_is_there_once(tmp_path: Path) -> 
         tmp_path / "a/linearPNG",
         tmp_path / "a/to_b/linearPNG",
     ]
-    assert image_names(tmp_path, subfolders=True) == ["a/linearPNG/a.png", "a/to_b/linearPNG/b.png"]
+    assert image_names(tmp_path, subfolders=True) == [
+        "a/linearPNG/a.png",
+        "a/to_b/linearPNG/b.png",
+    ]
     assert ImageFolder(tmp_path).find("a") == ["a/linearPNG/a.png"]
     assert find_depths(tmp_path, ["a/linearPNG/a.jpg"]) == {
         "a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"
@@ -146,7 +149,9 @@ def test_a_fingerprint_is_of_all_of_a_small_file_and_of_blocks_of_a_large_one(
         own = fingerprint(path)
         os.utime(path, (0, 0))
         assert fingerprint(path) == own, "whatever its date"
-    assert all(changed(small, at) != fingerprint(small) for at in (0, 5000, 500_000, (1 << 20) - 1))
+    assert all(
+        changed(small, at) != fingerprint(small) for at in (0, 5000, 500_000, (1 << 20) - 1)
+    )
     own, size = fingerprint(large), 3 << 20
     assert all(changed(large, (size - 4096) * i // 15 + 100) != own for i in range(16)), (
         "sixteen even distances"

@@ -196,7 +196,11 @@ PIXELS: dict[str, tuple[str, tuple[float, float], tuple[float, float]]] = {
     # a + .1 a^3 - .05 a^5 = .818903
     "RADIAL_FISHEYE": ("300 320 240 .1 -.05", (0.6, 0.8), (467.402559, 436.536745)),
     # a + .1 a^3 - .05 a^5 + .02 a^7 - .01 a^9 = .821453
-    "OPENCV_FISHEYE": ("300 330 320 240 .1 -.05 .02 -.01", (0.6, 0.8), (467.861514, 456.863554)),
+    "OPENCV_FISHEYE": (
+        "300 330 320 240 .1 -.05 .02 -.01",
+        (0.6, 0.8),
+        (467.861514, 456.863554),
+    ),
 }
 
 
@@ -207,11 +211,15 @@ def test_an_image_of_each_camera_model_of_colmap_is_undistorted_on_the_way(
 ):
     parameters, ray, pixel = PIXELS[model]
     write_model(
-        tmp_path / "sparse", [("a.png", FORWARD, 1)], cameras=[f"1 {model} 640 480 {parameters}"]
+        tmp_path / "sparse",
+        [("a.png", FORWARD, 1)],
+        cameras=[f"1 {model} 640 480 {parameters}"],
     )
     if form == "binary":
         to_binary(tmp_path / "sparse")
-    write_image(tmp_path / "images" / "a.png", (255 * spot_image(np.array(pixel))).astype(np.uint8))
+    write_image(
+        tmp_path / "images" / "a.png", (255 * spot_image(np.array(pixel))).astype(np.uint8)
+    )
     view = next(iter(Colmap(root=tmp_path, undistort=True).scenes()))["a.png"]
     np.testing.assert_allclose(centre(view.rgb), (view.camera.K @ [*ray, 1])[:2], atol=0.1)
 
@@ -229,7 +237,9 @@ def test_chart_corners_clicked_on_the_stored_image_follow_it_through_the_lens(
     rays = np.array([[-0.5, -0.4], [-0.2, -0.42], [-0.21, -0.1], [-0.52, -0.12]])
     clicked = project(rays, "perspective", (*BROWN[:4], 0.0)).tolist()
     (tmp_path / "charts.json").write_text(json.dumps({"images": {"a.png": {"near": clicked}}}))
-    view = next(iter(Colmap(root=tmp_path, undistort=True, image_scale=scale).scenes()))["a.png"]
+    view = next(iter(Colmap(root=tmp_path, undistort=True, image_scale=scale).scenes()))[
+        "a.png"
+    ]
     expected = rays * (view.camera.K[0, 0], view.camera.K[1, 1]) + view.camera.K[:2, 2]
     np.testing.assert_allclose(view.charts[0].corners, expected, atol=1e-6)
     # the lens does matter here

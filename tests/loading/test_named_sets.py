@@ -68,7 +68,10 @@ def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_s
     )
     done = scene_of(bench, root, made)
     (scene,) = json.loads(done.stdout)
-    assert (scene["scene"], [view["name"] for view in scene["views"]]) == ("made4", sorted(theirs))
+    assert (scene["scene"], [view["name"] for view in scene["views"]]) == (
+        "made4",
+        sorted(theirs),
+    )
     assert {"128x128"} <= names(done.stderr)
 
 
@@ -78,7 +81,10 @@ def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_s
         ({"2.png": scenery(9)}, {"1", "missing", "2.png"}),
         ({"2.png": scenery(1)}, {"1", "missing", "2.png"}),
         ({"5.png": scenery(1)}, {"1", "twice"}),
-        ({"2.png": np.clip(scenery(2) * 1.3, 0, 255).astype(np.uint8)}, {"1", "changed", "2.png"}),
+        (
+            {"2.png": np.clip(scenery(2) * 1.3, 0, 255).astype(np.uint8)},
+            {"1", "changed", "2.png"},
+        ),
         ({"2.png": scenery(2)[12:-12, 16:-16]}, {"1", "missing", "2.png"}),
     ],
     ids=["another picture", "one for another", "twice", "brighter", "cropped"],
@@ -106,7 +112,10 @@ def test_a_set_that_is_not_as_published_is_one_line(
             "name,other_names,width,height,image,reference\na.png,,,,,\na.png,,,,,\n",
             {"a.png", "twice"},
         ),
-        ("name,other_names,width,height,image,reference\na.png,,8,8,abc,\n", {"a.png", "print"}),
+        (
+            "name,other_names,width,height,image,reference\na.png,,8,8,abc,\n",
+            {"a.png", "print"},
+        ),
     ],
 )
 def test_a_wrong_table_is_one_line(
@@ -129,10 +138,13 @@ def test_the_shipped_sets_are_listed_and_share_the_pictures_that_their_authors_s
     bench: Bench,
 ) -> None:
     listed = {one["name"]: one for one in json.loads(bench("list", "sets", "--json").stdout)}
-    assert {listed[name]["pictures"] for name in ("u90", "t90", "dnnet90", "sfhformer90")} == {90}
+    assert {listed[name]["pictures"] for name in ("u90", "t90", "dnnet90", "sfhformer90")} == {
+        90
+    }
     assert "Test_400" in listed["lsui400"]["source"]
     members = {
-        name: {one.name for one in named_sets()[name].members} for name in ("u90", "t90", "dnnet90")
+        name: {one.name for one in named_sets()[name].members}
+        for name in ("u90", "t90", "dnnet90")
     }
     # As the lists of names share them, which prints have no part in.
     shared = [

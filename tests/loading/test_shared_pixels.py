@@ -75,7 +75,9 @@ def test_a_jpeg_is_known_by_its_content_and_a_png_that_was_made_of_one(
         (tmp_path / name).write_bytes(bytes(content))
     else:
         write_png(tmp_path / name, np.full((H, W, 3), 7, np.uint8), chunk=OF_JPEG)
-        assert np.asarray(Image.open(tmp_path / name)).tolist() == np.full((H, W, 3), 7).tolist()
+        assert (
+            np.asarray(Image.open(tmp_path / name)).tolist() == np.full((H, W, 3), 7).tolist()
+        )
     view = _shared(Files(tmp_path / name, (W, H)))
     assert view.is_jpeg is is_jpeg
     assert degraded(Scene("reef", [view], frozenset()), jpeg_quality=50)[0].is_jpeg

@@ -37,7 +37,9 @@ class _Maker:
 def test_an_array_is_made_once_for_all_threads_and_processes(tmp_path: Path):
     make = _Maker(1.5)
     with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(lambda _: ArrayStore(tmp_path / "s", 1e9).get("a", make), range(16)))
+        found = list(
+            pool.map(lambda _: ArrayStore(tmp_path / "s", 1e9).get("a", make), range(16))
+        )
     assert make.times == 1
     assert all((values == 1.5).all() for values in found)
     assert not found[0].flags.writeable
@@ -112,7 +114,11 @@ def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
     def told() -> str:
         here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
         ran = subprocess.run(
-            [sys.executable, "-c", _SCRIPT], env=here, capture_output=True, text=True, check=True
+            [sys.executable, "-c", _SCRIPT],
+            env=here,
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return ran.stderr
 
@@ -132,7 +138,9 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
     "cut": lambda content: content[: len(content) // 2],
     "empty": lambda content: b"",
     "zeros": lambda content: bytes(len(content)),
-    "a bit near its end": lambda content: content[:-40] + bytes([content[-40] ^ 1]) + content[-39:],
+    "a bit near its end": lambda content: (
+        content[:-40] + bytes([content[-40] ^ 1]) + content[-39:]
+    ),
 }
 
 

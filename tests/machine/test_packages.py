@@ -16,7 +16,12 @@ from sucre_bench.machine import provenance
 @pytest.mark.parametrize(
     ("words", "hidden", "place", "extra"),
     [
-        (["run", "method=tacl", "method.weights=photos/a.jpg"], "torch", "method 'tacl'", "torch"),
+        (
+            ["run", "method=tacl", "method.weights=photos/a.jpg"],
+            "torch",
+            "method 'tacl'",
+            "torch",
+        ),
         (["run", "method=sucre", "method.backend=jax"], "jax", "method.backend=jax", "jax"),
         (
             ["run", "method=sucre_plus", "method.backend=torch"],
@@ -79,7 +84,9 @@ def test_a_package_that_is_too_old_or_does_not_import_is_named(
         InputError, match=r"prepare: pycolmap is 3\.9, not >=4\.0; pip install .*prepare"
     ):
         provenance.require("prepare", "pycolmap")
-    (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libGL.so.1: cannot open')\n")
+    (tmp_path / "broken_library_xyz.py").write_text(
+        "raise OSError('libGL.so.1: cannot open')\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(
         InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"

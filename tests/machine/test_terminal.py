@@ -75,7 +75,11 @@ def test_a_reader_that_has_enough_is_no_fault(tmp_path: Path):
     os.close(reading)
     env = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     done = subprocess.run(
-        [PROGRAM, "run", "--help"], stdout=writing, stderr=subprocess.PIPE, cwd=tmp_path, env=env
+        [PROGRAM, "run", "--help"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        env=env,
     )
     os.close(writing)
     assert (done.stderr, done.returncode) == (b"", 141)

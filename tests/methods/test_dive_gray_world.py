@@ -20,7 +20,9 @@ def in_water(seed: int, nearest: float, farthest: float) -> tuple[View, np.ndarr
     z = rng.uniform(nearest, farthest, (HEIGHT, WIDTH)).astype(np.float32)
     J = rng.normal([0.5, 0.4, 0.6], [0.1, 0.15, 0.05], (HEIGHT, WIDTH, 3))
     veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
-    return View(f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)), J
+    return View(
+        f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)
+    ), J
 
 
 def dive(*views: View) -> Scene:
@@ -29,7 +31,9 @@ def dive(*views: View) -> Scene:
 
 def test_at_every_distance_what_is_left_is_the_scenes_own_variation():
     """J exp(-beta z) + veil is affine in J at each z, so that (J - mean) / deviation comes back without the water."""
-    views, truths = zip(*(in_water(seed, 1 + seed / 4, 4 + seed) for seed in range(6)), strict=True)
+    views, truths = zip(
+        *(in_water(seed, 1 + seed / 4, 4 + seed) for seed in range(6)), strict=True
+    )
     scene = dive(*views)
     for view, J in zip(views, truths, strict=True):
         expected = 0.5 + 0.15 * (J - [0.5, 0.4, 0.6]) / [0.1, 0.15, 0.05]

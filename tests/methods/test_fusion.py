@@ -78,9 +78,13 @@ def test_the_sharpened_input_is_the_mean_of_the_image_and_its_stretched_detail()
 
 def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
     """Red and blue compensated are mirror images: an image with the two swapped is restored with the two swapped."""
-    greenish = np.float32([0.1, 0.5, 0.2]) * (0.7 + 0.6 * RNG.random((32, 32, 3), dtype=np.float32))
+    greenish = np.float32([0.1, 0.5, 0.2]) * (
+        0.7 + 0.6 * RNG.random((32, 32, 3), dtype=np.float32)
+    )
     both = Fusion2018(red=0.4, blue=0.8)
-    assert np.abs(restored(both, greenish) - restored(Fusion2018(red=0.4), greenish)).max() > 0.05
+    assert (
+        np.abs(restored(both, greenish) - restored(Fusion2018(red=0.4), greenish)).max() > 0.05
+    )
     mean = greenish.mean(axis=(0, 1), dtype=np.float64)
     red, green, blue = (greenish[..., c].astype(np.float64) for c in range(3))
     by_hand = np.stack(

@@ -27,7 +27,11 @@ def drawn_view(seed: int = 0, height: int = 160, width: int = 120) -> View:
 
 @pytest.mark.parametrize(
     ("B", "gamma", "beta"),
-    [(0.3, 0.2, TwoTerm(0.4)), (0.1, 1.0, TwoTerm(0.05)), (0.3, 0.2, TwoTerm(0.5, 0.6, 0.2, 0.05))],
+    [
+        (0.3, 0.2, TwoTerm(0.4)),
+        (0.1, 1.0, TwoTerm(0.05)),
+        (0.3, 0.2, TwoTerm(0.5, 0.6, 0.2, 0.05)),
+    ],
 )
 def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float, beta: TwoTerm):
     rng = np.random.default_rng(1)
@@ -46,7 +50,8 @@ def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float,
 def test_a_simplex_that_does_not_come_to_rest_is_named():
     view = drawn_view(1, 40, 30)
     assert (
-        "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+        "unfinished"
+        not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
     )
     told = sb.restore("gaussian_seathru", alone(view), view, most_evaluations=30).info[
         "undetermined"
@@ -59,7 +64,9 @@ def test_the_water_of_drawn_data_is_recovered():
     result = sb.restore("gaussian_seathru", alone(view), view, sample=120_000)
     np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.03)
     z = np.linspace(1, 9, 30)[:, None]
-    veil, true = (w.veiling_light * (1 - np.exp(-w.backscatter * z)) for w in (result.water, WATER))
+    veil, true = (
+        w.veiling_light * (1 - np.exp(-w.backscatter * z)) for w in (result.water, WATER)
+    )
     np.testing.assert_allclose(veil, true, atol=0.02)
     np.testing.assert_allclose(result.info["mu"], 0.5, atol=0.03)
     np.testing.assert_allclose(result.info["sigma"], 0.15, atol=0.01)

@@ -34,7 +34,8 @@ def texts(file: Path) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
             yield "".join(
-                str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values
+                str(part.value) if isinstance(part, ast.Constant) else "{}"
+                for part in node.values
             )
         elif (
             isinstance(node, ast.Constant)
@@ -95,7 +96,9 @@ def test_every_advised_word_can_be_typed(tmp_path: Path):
     }
     for method, word in words():
         key, _, value = word.partition("=")
-        needed = [must[method]] if method in must and must[method].partition("=")[0] != key else []
+        needed = (
+            [must[method]] if method in must and must[method].partition("=")[0] != key else []
+        )
         advised = f"{key}={places.get(value, value)}"
         (job,) = compose_jobs.jobs(
             ["dataset=demo", f"method={method}", "metrics=[psnr]", *needed, advised], False

@@ -43,4 +43,6 @@ def test_the_veiling_light_is_the_least_candidate_in_dark_water_and_the_greatest
     sharpness = np.ones((64, 64), np.float32)
     sharpness[33:, 33:] = 0.1
     A = veiling_light_of(rgb, sharpness)
-    np.testing.assert_allclose(A, level + (0.05 if expected == "greatest" else -0.05), atol=2e-3)
+    np.testing.assert_allclose(
+        A, level + (0.05 if expected == "greatest" else -0.05), atol=2e-3
+    )

@@ -49,7 +49,9 @@ def test_a_column_of_u45_comes_back(
     folder = published("u45_published")
     names = sorted(file.name for file in (folder / column).iterdir())
     level = [
-        psnr_db(restored(method, read(folder / "Raws" / name)).image, read(folder / column / name))
+        psnr_db(
+            restored(method, read(folder / "Raws" / name)).image, read(folder / column / name)
+        )
         for name in names
     ]
     assert np.median(level) > typical_db

@@ -144,7 +144,9 @@ def test_raw_works_in_linear_light():
     linear = random_seabed(2)
     rgb = linear.rgb
     encoded = replace(linear, pixels=Arrays(srgb_encode(rgb), linear.depth))
-    as_linear = sb.restore("seathru", alone(linear), replace(linear, encoding="linear"), raw=True)
+    as_linear = sb.restore(
+        "seathru", alone(linear), replace(linear, encoding="linear"), raw=True
+    )
     as_encoded = sb.restore("seathru", alone(encoded), encoded, raw=True)
     np.testing.assert_allclose(srgb_decode(as_encoded.image), as_linear.image, atol=2e-3)
     assert psnr(as_linear.image, linear.reference) > 30
@@ -194,7 +196,13 @@ def test_a_water_that_does_not_fade_is_named():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"f": float("inf")}, {"p": float("nan")}, {"share": 2.0}, {"bins": 0}, {"amplification": 0.5}],
+    [
+        {"f": float("inf")},
+        {"p": float("nan")},
+        {"share": 2.0},
+        {"bins": 0},
+        {"amplification": 0.5},
+    ],
 )
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, float]):
     with pytest.raises(InputError, match=next(iter(wrong))):

@@ -97,11 +97,15 @@ def test_stitching_takes_the_closest_observation() -> None:
     image = Stitching().restore(SCENE, TARGET).image
     for pixel, (_, colour) in nearest.items():
         np.testing.assert_allclose(image.reshape(-1, 3)[pixel], colour, atol=1e-6)
-    assert (image != TARGET.rgb)[TARGET.valid].any(axis=-1).mean() > 0.3  # a nearer view did help
+    assert (image != TARGET.rgb)[TARGET.valid].any(
+        axis=-1
+    ).mean() > 0.3  # a nearer view did help
 
 
 RNG = np.random.default_rng(0)
-DULL = np.float32([0.2, 0.4, 0.45]) + np.float32(0.1) * RNG.random((64, 80, 1), dtype=np.float32)
+DULL = np.float32([0.2, 0.4, 0.45]) + np.float32(0.1) * RNG.random(
+    (64, 80, 1), dtype=np.float32
+)
 
 
 def test_contrast_rises_and_colour_is_kept():
@@ -128,7 +132,9 @@ def test_it_is_red_from_green_then_gray_world_then_a_stretch(strength: float, pe
     )
 
 
-RED_LOST = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))
+RED_LOST = np.float32([0.15, 0.4, 0.5]) * (
+    0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32)
+)
 SPREAD = 0.655136  # of a Rayleigh distribution of mode 1, sqrt((4 - pi) / 2)
 # kappa, and what a metre of water leaves
 KEPT = (
@@ -165,11 +171,12 @@ def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
 def image_of(mode: float, low: float, high: float) -> np.ndarray:
     """Each channel spread over [low, high], and a third of it at the mode."""
     planes = [
-        np.r_[RNG.uniform(low, high, 1800), np.full(900, mode)] * factor for factor in (0.5, 0.8, 1)
+        np.r_[RNG.uniform(low, high, 1800), np.full(900, mode)] * factor
+        for factor in (0.5, 0.8, 1)
     ]
-    return np.stack([RNG.permutation(plane).reshape(54, 50) for plane in planes], axis=-1).astype(
-        np.float32
-    )
+    return np.stack(
+        [RNG.permutation(plane).reshape(54, 50) for plane in planes], axis=-1
+    ).astype(np.float32)
 
 
 @pytest.mark.parametrize(("distance_m", "tail"), [(3, 0.1), (0, 10), (8, 1)])
@@ -210,7 +217,9 @@ def test_the_lower_of_the_two_chroma_means_is_raised() -> None:
     chroma = np.float32([-20, 10]) + RNG.normal(0, 3, (20, 30, 2)).astype(np.float32)
     raised = balanced_chroma(chroma)
     a, b = chroma.astype(np.float64).mean(axis=(0, 1)) + 128
-    np.testing.assert_allclose(raised[..., 0].mean() + 128, a * (1 + (b - a) / (a + b)), rtol=1e-4)
+    np.testing.assert_allclose(
+        raised[..., 0].mean() + 128, a * (1 + (b - a) / (a + b)), rtol=1e-4
+    )
     np.testing.assert_allclose(raised[..., 1], chroma[..., 1], atol=1e-4)
     swapped = balanced_chroma(chroma[..., ::-1])
     np.testing.assert_allclose(swapped[..., ::-1], raised, atol=1e-4)
@@ -225,4 +234,6 @@ def test_the_whole_is_its_steps() -> None:
     lab[..., 1] = (lab[..., 1] + 128) * (1 + max(0, b - a) / (a + b)) - 128
     lab[..., 2] = (lab[..., 2] + 128) * (1 + max(0, a - b) / (a + b)) - 128
     result = restored(Mlle(), MURK)
-    assert np.abs(result - lab2rgb(lab).clip(0, 1)).mean() < 5e-3  # OpenCV's L*a*b* is approximate
+    assert (
+        np.abs(result - lab2rgb(lab).clip(0, 1)).mean() < 5e-3
+    )  # OpenCV's L*a*b* is approximate

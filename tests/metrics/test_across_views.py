@@ -79,8 +79,12 @@ def test_in_water_without_veil_the_inputs_slope_is_minus_the_attenuation():
         scene, {"input": inputs(scene), "truth": references(scene)}, "range_slope:all"
     )
     for channel, attenuation in zip(("red", "green", "blue"), beta, strict=True):
-        assert mean(rows, "input", "range_slope", channel) == pytest.approx(-attenuation, abs=0.003)
-    assert mean(rows, "input", "range_slope", "mean") == pytest.approx(-np.mean(beta), abs=0.003)
+        assert mean(rows, "input", "range_slope", channel) == pytest.approx(
+            -attenuation, abs=0.003
+        )
+    assert mean(rows, "input", "range_slope", "mean") == pytest.approx(
+        -np.mean(beta), abs=0.003
+    )
 
 
 @pytest.mark.parametrize("is_linear", [False, True])
@@ -114,7 +118,10 @@ def test_the_truths_slope_is_zero_within_its_interval_and_the_inputs_is_not(
 
 
 def test_consistency_is_the_difference_between_two_flat_colours(hazy: Scene):
-    colours = (np.full(3, 0.4), np.full(3, 0.45))  # grays: their Lab is the same under every white
+    colours = (
+        np.full(3, 0.4),
+        np.full(3, 0.45),
+    )  # grays: their Lab is the same under every white
     scene = replace(hazy, views=hazy.views[:2])
     images = {
         view.name: np.ones_like(view.rgb) * colour
@@ -168,9 +175,9 @@ def test_only_points_with_a_colour_in_both_views_count(hazy: Scene):
     half["0.png"] = half["0.png"].copy()
     half["0.png"][:, :60] = np.nan
     rows = pair_scores(hazy, {"whole": inputs(hazy), "half": half}, "consistency:patches")
-    coverage = rows[(rows["region"] == "image") & (rows["view"] == "0.png")].set_index("method")[
-        "coverage"
-    ]
+    coverage = rows[(rows["region"] == "image") & (rows["view"] == "0.png")].set_index(
+        "method"
+    )["coverage"]
     assert coverage["whole"] == 1
     assert 0.3 < coverage["half"] < 0.7
 

@@ -32,7 +32,11 @@ SHARMA = [
 
 
 def scores(
-    metric: Any, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
+    metric: Any,
+    shown: Array,
+    variant: str,
+    kind: str = "dgk",
+    charts: list[Chart] | None = None,
 ) -> dict[str, Score]:
     view = View("a.png", Arrays(shown), charts=charts or [Chart("c", kind, TILTED)])
     return {s.region: s for s in metric.score(Restoration(shown), shown, view, variant)}
@@ -40,21 +44,27 @@ def scores(
 
 @pytest.mark.parametrize(("a", "b", "published"), SHARMA)
 def test_ciede2000_reproduces_the_published_pairs(a: Array, b: Array, published: float) -> None:
-    assert ciede2000(np.array(a, float), np.array(b, float)) == pytest.approx(published, abs=5e-5)
+    assert ciede2000(np.array(a, float), np.array(b, float)) == pytest.approx(
+        published, abs=5e-5
+    )
 
 
 def test_angles_by_hand() -> None:
     a = np.array([[1.0, 0, 0], [1, 1, 1], [1, 1, 0], [0.3, 0.6, 0.9], [0, 0, 0]])
     b = np.array([[0, 1.0, 0], [1, 0, 0], [0, 1, 1], [0.1, 0.2, 0.3], [1, 1, 1]])
     found = angle_deg(a, b)
-    np.testing.assert_allclose(found[:4], [90, np.degrees(np.arccos(3**-0.5)), 60, 0], atol=2e-6)
+    np.testing.assert_allclose(
+        found[:4], [90, np.degrees(np.arccos(3**-0.5)), 60, 0], atol=2e-6
+    )
     assert np.isnan(found[4]), "black has no direction"
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
-    assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(0, abs=0.05)  # float32
+    assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(
+        0, abs=0.05
+    )  # float32
     assert scores(Psi(), shown, "all", kind)["c"].value == pytest.approx(0, abs=0.05)
     assert scores(De00(), shown, "srgb", kind)["c"].value == pytest.approx(0, abs=1e-4)
 
@@ -63,7 +73,12 @@ def test_every_chart_and_every_patch_has_a_score_and_the_chart_is_the_mean() -> 
     rng = np.random.default_rng(2)
     shown = rng.random((300, 420, 3)).astype(np.float32)
     charts = [Chart("near", "dgk", TILTED), Chart("far", "colorchecker24", TILTED * 0.3 + 20)]
-    for metric, variant in [(Psi(), "colour"), (Psi(), "all"), (De00(), "lab"), (De00(), "srgb")]:
+    for metric, variant in [
+        (Psi(), "colour"),
+        (Psi(), "all"),
+        (De00(), "lab"),
+        (De00(), "srgb"),
+    ]:
         found = scores(metric, shown, variant, charts=charts)
         every = variant == "all"
         for chart, n in [("near", 18 if every else 12), ("far", 24 if every else 18)]:
@@ -183,7 +198,9 @@ def test_a_picture_of_one_colour_has_that_colours_chroma_in_every_gray_patch() -
         "c",
         *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.is_chromatic),
     ]
-    np.testing.assert_allclose([s.value for s in found.values()], np.hypot(80.80, 69.89), atol=0.06)
+    np.testing.assert_allclose(
+        [s.value for s in found.values()], np.hypot(80.80, 69.89), atol=0.06
+    )
 
 
 def test_grays_of_any_brightness_have_no_chroma_and_colours_do_not_count() -> None:

@@ -21,7 +21,10 @@ def score(
 ) -> Score:
     view = {"reference": TRUE, **view}
     (found,) = metric.score(
-        Restoration(image), np.zeros_like(image), View("a.png", Arrays(TRUE * 0, **view)), variant
+        Restoration(image),
+        np.zeros_like(image),
+        View("a.png", Arrays(TRUE * 0, **view)),
+        variant,
     )
     return found
 

@@ -15,7 +15,9 @@ MIDDLE = np.array([1.1, 0.6, 4.0])  # of the chart, in the camera's frame, metre
 
 def corners() -> Array:
     """A square of 20 cm about MIDDLE, tilted about the vertical so that its left is 10 cm nearer than its right."""
-    half = np.array([[-0.1, -0.1, -0.05], [0.1, -0.1, 0.05], [0.1, 0.1, 0.05], [-0.1, 0.1, -0.05]])
+    half = np.array(
+        [[-0.1, -0.1, -0.05], [0.1, -0.1, 0.05], [0.1, 0.1, 0.05], [-0.1, 0.1, -0.05]]
+    )
     points = (MIDDLE + half) @ CAMERA.K.T
     return np.asarray(points[:, :2] / points[:, 2:])
 
@@ -80,6 +82,9 @@ def test_a_chart_without_depth_is_nan_with_coverage_0(at: Array | None) -> None:
 
 
 def test_without_a_camera_there_is_no_distance_and_the_view_is_named() -> None:
-    for metric in (lambda: chart_score(plane_depth(), None), lambda: variance(plane_depth(), None)):
+    for metric in (
+        lambda: chart_score(plane_depth(), None),
+        lambda: variance(plane_depth(), None),
+    ):
         with pytest.raises(NotApplicableError, match=r"a\.png: no camera"):
             metric()

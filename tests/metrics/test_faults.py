@@ -15,7 +15,9 @@ pytestmark = pytest.mark.short
 RNG = np.random.default_rng(11)
 GROUND = 0.4 + 0.05 * np.kron(RNG.normal(size=(12, 16, 3)), np.ones((10, 10, 1)))
 PHOTOGRAPH = (
-    (GROUND * [0.3, 0.8, 0.9] + RNG.normal(0, 0.002, GROUND.shape)).clip(0, 1).astype(np.float32)
+    (GROUND * [0.3, 0.8, 0.9] + RNG.normal(0, 0.002, GROUND.shape))
+    .clip(0, 1)
+    .astype(np.float32)
 )
 CAMERA = Camera(np.array([[200, 0, 80], [0, 200, 60], [0, 0, 1.0]]), 160, 120)
 # a wall at 2 m before one at 4 m
@@ -118,6 +120,6 @@ def test_a_dive_that_turns_is_seen_in_the_pictures_that_differ_from_the_others()
 
 def test_a_picture_without_any_colour_has_holes_and_no_other_fault() -> None:
     empty = Made(np.full_like(TRUE, np.nan))
-    assert {fault for fault in FAULTS if scores(empty, fault)["image"] > FAULTS[fault].limit} == {
-        "holes"
-    }
+    assert {
+        fault for fault in FAULTS if scores(empty, fault)["image"] > FAULTS[fault].limit
+    } == {"holes"}

@@ -17,15 +17,17 @@ def photograph() -> tuple[Array, Array]:
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:H, :W]
     z = 6 - 4 * y / H + 0.3 * x / W
-    J = 0.5 + 0.15 * np.stack([np.sin(x / 23 + c) * np.cos(y / 17 - c) for c in range(3)], axis=-1)
+    J = 0.5 + 0.15 * np.stack(
+        [np.sin(x / 23 + c) * np.cos(y / 17 - c) for c in range(3)], axis=-1
+    )
     for _ in range(25):  # edges
         cy, cx, r = rng.uniform(0, H), rng.uniform(0, W), rng.uniform(6, 25)
         J[(y - cy) ** 2 + (x - cx) ** 2 < r * r] = rng.uniform(0.1, 0.9, 3)
     J += 0.03 * rng.standard_normal(J.shape)
     image = J * np.exp(-0.3 * z[..., None]) + 0.3 * (1 - np.exp(-0.2 * z[..., None]))
-    return (image + 0.004 * rng.standard_normal(J.shape)).clip(0, 1).astype(np.float32), z.astype(
+    return (image + 0.004 * rng.standard_normal(J.shape)).clip(0, 1).astype(
         np.float32
-    )
+    ), z.astype(np.float32)
 
 
 IMAGE, Z = photograph()
@@ -38,9 +40,9 @@ def share(picture: Array, image: Array = IMAGE) -> float:
 
 def in_air(image: Array, z: Array) -> Array:
     """Noise and all, as a restorer of single images gives it."""
-    return ((image - 0.3 * (1 - np.exp(-0.2 * z[..., None]))) / np.exp(-0.3 * z[..., None])).clip(
-        0, 1
-    )
+    return (
+        (image - 0.3 * (1 - np.exp(-0.2 * z[..., None]))) / np.exp(-0.3 * z[..., None])
+    ).clip(0, 1)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +125,9 @@ def test_large_pictures_are_looked_at_small() -> None:
     assert found.is_seam[:, :230].mean() < 1e-3
 
 
-def score(picture: Array, variant: str, camera: Camera | None = None, z: Array | None = Z) -> Score:
+def score(
+    picture: Array, variant: str, camera: Camera | None = None, z: Array | None = Z
+) -> Score:
     view = View("a.png", Arrays(IMAGE, z), camera)
     (found,) = Seams().score(Restoration(picture), picture, view, variant)
     return found

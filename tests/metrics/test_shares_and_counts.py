@@ -44,7 +44,9 @@ IMAGE = np.array(
 )
 
 
-def counted(metric: Coverage | Negative, variant: str, depth: Array | None = None) -> list[Score]:
+def counted(
+    metric: Coverage | Negative, variant: str, depth: Array | None = None
+) -> list[Score]:
     view = View("a.png", Arrays(np.zeros_like(IMAGE), depth))
     return list(metric.score(Restoration(IMAGE), IMAGE, view, variant))
 
@@ -59,7 +61,9 @@ def test_coverage_of_depth_asks_only_for_pixels_with_depth() -> None:
     assert counted(Coverage(), "depth") == []
 
 
-@pytest.mark.parametrize(("variant", "count"), [("any", 2), ("red", 1), ("green", 1), ("blue", 1)])
+@pytest.mark.parametrize(
+    ("variant", "count"), [("any", 2), ("red", 1), ("green", 1), ("blue", 1)]
+)
 def test_negative_is_the_share_of_coloured_pixels_below_0(variant: str, count: int) -> None:
     assert counted(Negative(), variant) == [Score(count / 3, "image", 3, 0.75)]
 

@@ -74,8 +74,12 @@ def test_a_linear_reference_is_encoded_like_the_picture_and_left_alone_for_raw()
     assert found.value == pytest.approx(1, abs=1e-6)
 
 
-@pytest.mark.parametrize("variant", [name for name in Ssim.__plugin__.variants if name != "funie"])
-def test_ssim_is_that_of_scikit_image_in_float64_over_windows_without_a_hole(variant: str) -> None:
+@pytest.mark.parametrize(
+    "variant", [name for name in Ssim.__plugin__.variants if name != "funie"]
+)
+def test_ssim_is_that_of_scikit_image_in_float64_over_windows_without_a_hole(
+    variant: str,
+) -> None:
     """Of pictures that are dark and smooth in part, where float32 would lose the variances."""
     from skimage.metrics import structural_similarity
 
@@ -103,16 +107,22 @@ def test_ssim_of_funie_gan_has_the_windows_of_scipy_beyond_the_borders() -> None
     truth = []
     for a, b in ((x[..., k].astype(float), y[..., k].astype(float)) for k in range(3)):
         ma, mb, aa, bb, ab = (gaussian_filter(z, 1.5) for z in (a, b, a * a, b * b, a * b))
-        va, vb, cov = (25 / 24 * (z - w) for z, w in ((aa, ma * ma), (bb, mb * mb), (ab, ma * mb)))
+        va, vb, cov = (
+            25 / 24 * (z - w) for z, w in ((aa, ma * ma), (bb, mb * mb), (ab, ma * mb))
+        )
         c1, c2 = 2.55**2, 7.65**2
         truth.append(
-            np.mean((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2)))
+            np.mean(
+                (2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))
+            )
         )
     found = score(Ssim(), "funie", (x / 255).astype(np.float32), (y / 255).astype(np.float32))
     assert found.value == pytest.approx(np.mean(truth), abs=1e-5)
 
 
-def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked_score() -> None:
+def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked_score() -> (
+    None
+):
     depth = np.ones((40, 50), np.float32)
     depth[:12] = 0
     reference = REFERENCE.copy()
@@ -173,4 +183,6 @@ def test_gray_is_of_luma_at_256_by_pillow() -> None:
     )
     assert (found.n_pixels, found.coverage) == (256 * 256, 1)
     holed = np.where(np.arange(40)[:, None, None] < 20, np.float32(np.nan), SHOWN)
-    assert score(Psnr(), "gray", holed).value == score(Psnr(), "gray", np.nan_to_num(holed)).value
+    assert (
+        score(Psnr(), "gray", holed).value == score(Psnr(), "gray", np.nan_to_num(holed)).value
+    )

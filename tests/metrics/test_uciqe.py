@@ -57,9 +57,9 @@ def test_public_programs_give_these_values(variant: str) -> None:
 
 def test_matlab_gives_the_scores_that_u45_publishes() -> None:
     for row in u45_rows():
-        assert score(read_rgb(row.path), "matlab").value == pytest.approx(row.uciqe, abs=1e-4), (
-            row.path
-        )
+        assert score(read_rgb(row.path), "matlab").value == pytest.approx(
+            row.uciqe, abs=1e-4
+        ), row.path
 
 
 # -- variants of which no public value is known, written out in float64 over all pixels, without a palette ----------

@@ -147,7 +147,9 @@ def slow_uism(image: Bytes, variant: str) -> float:
         weights = weights[::-1]
     if variant == "uwcnn-plus":
         weights = [0.557, 0.144, 0.299]
-    side = 5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
+    side = (
+        5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
+    )
     total = 0.0
     for k, weight in enumerate(weights):
         plane = image[..., k].astype(float)
@@ -210,7 +212,9 @@ def slow_uiconm(image: Bytes, variant: str) -> float:
         entropies.append(-top / bottom * math.log(top / bottom) if top > 0 else 0.0)
     if plain:
         h, w = image.shape[:2]
-        return sum(entropies) / ((h / 10) * (w / 10) if variant == "getuiqm1" else len(entropies))
+        return sum(entropies) / (
+            (h / 10) * (w / 10) if variant == "getuiqm1" else len(entropies)
+        )
     total = 0.0
     for e in entropies:  # the PLIP sum, or a plain one of the terms as printed
         total = (
@@ -218,7 +222,9 @@ def slow_uiconm(image: Bytes, variant: str) -> float:
             if variant in ("chen", "chen-bgr", "uwcnn-plus")
             else total + e - total * e / 1026
         )
-    return 1026 - 1026 * (1 - total / 1026) ** (1 / len(entropies))  # scaled by the PLIP product
+    return 1026 - 1026 * (1 - total / 1026) ** (
+        1 / len(entropies)
+    )  # scaled by the PLIP product
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -244,7 +250,9 @@ def test_only_blocks_without_a_hole_in_or_beside_them_count(variant: str) -> Non
     image = noise(40, 80, darkest=1)
     shown = np.float32(image) / np.float32(255)
     shown[:, 40:] = np.nan
-    side = 5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
+    side = (
+        5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
+    )
     found = score(shown, variant)
     columns = 40 // side - 1  # the last column of blocks on the left has holes for neighbours
     assert found.coverage == pytest.approx(columns * side / 80)

@@ -9,7 +9,9 @@ from sucre_bench.metrics.water import Water, WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
-TRUTH = SceneWater(np.array([0.1, 0.2, 0.4]), np.array([0.4, 0.2, 0.1]), np.array([0.3, 0.0, 0.2]))
+TRUTH = SceneWater(
+    np.array([0.1, 0.2, 0.4]), np.array([0.4, 0.2, 0.1]), np.array([0.3, 0.0, 0.2])
+)
 ESTIMATE = SceneWater(
     np.array([0.11, 0.2, 0.2]), np.array([0.2, 0.3, 0.1]), np.array([0.3, 0.1, 0.1])
 )
@@ -17,7 +19,8 @@ ESTIMATE = SceneWater(
 
 def scores(variant: str, restored: Restoration) -> dict[str, Score]:
     return {
-        s.region: s for s in Water().score(restored, IMAGE, View("a.png", Arrays(IMAGE)), variant)
+        s.region: s
+        for s in Water().score(restored, IMAGE, View("a.png", Arrays(IMAGE)), variant)
     }
 
 
@@ -45,7 +48,9 @@ def test_without_an_estimate_or_a_truth_there_is_no_score() -> None:
 def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() -> None:
     unknown = np.full(3, np.nan)
     restored = Restoration(
-        IMAGE, SceneWater(np.array([0.1, 0.2, 0.2]), unknown, unknown), info={"true_water": TRUTH}
+        IMAGE,
+        SceneWater(np.array([0.1, 0.2, 0.2]), unknown, unknown),
+        info={"true_water": TRUTH},
     )
     assert not scores("attenuation", restored)
     assert scores("veiling_light", restored)["image"].value == pytest.approx(0.5 / 3)
@@ -72,7 +77,9 @@ def parameters(variant: str, water: SceneWater | None) -> list[Score]:
         ("backscatter", [0.7, np.nan, 0.6]),
     ],
 )
-def test_every_channel_of_every_parameter_passes_through(name: str, values: list[float]) -> None:
+def test_every_channel_of_every_parameter_passes_through(
+    name: str, values: list[float]
+) -> None:
     found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
     np.testing.assert_array_equal([score.value for (score,) in found], values)
     assert all(score.region == "image" for (score,) in found)

@@ -68,7 +68,9 @@ def test_colours_are_compacted_only_where_that_loses_nothing() -> None:
     for odd in ([0.1234567], [256 / 255], [-1 / 255], [np.nan, 0], [np.inf]):
         kept = compact(np.float32(odd))
         assert kept.dtype != np.uint8
-        np.testing.assert_allclose(kept / (65535 if kept.dtype == np.uint16 else 1), odd, atol=1e-6)
+        np.testing.assert_allclose(
+            kept / (65535 if kept.dtype == np.uint16 else 1), odd, atol=1e-6
+        )
 
 
 def test_some_pixels_can_be_taken_with_all_their_observations() -> None:
@@ -135,7 +137,8 @@ def spread(observations: Observations) -> float:
 def with_pictures(scene: Scene, change: dict[str, np.ndarray]) -> list[View]:
     views = scene.views
     return [
-        replace(v, pixels=Arrays(change[v.name], v.depth)) if v.name in change else v for v in views
+        replace(v, pixels=Arrays(change[v.name], v.depth)) if v.name in change else v
+        for v in views
     ]
 
 

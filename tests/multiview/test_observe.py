@@ -31,7 +31,11 @@ def by_pixel(observations: Observations) -> Seen:
         for k, pixel in enumerate(observations.pixels[:n].tolist()):
             at = part.start + k
             found[pixel].append(
-                (int(observations.view[at]), float(observations.distance[at]), tuple(colours[k]))
+                (
+                    int(observations.view[at]),
+                    float(observations.distance[at]),
+                    tuple(colours[k]),
+                )
             )
     return dict(found)
 
@@ -53,10 +57,14 @@ def test_other_observations_are_the_matches_with_the_other_views_colours() -> No
         if index == OWN:
             continue
         matches = match(lift(TARGET), view)
-        seen = {p: (z, c) for p, all_seen in found.items() for v, z, c in all_seen if v == index}
+        seen = {
+            p: (z, c) for p, all_seen in found.items() for v, z, c in all_seen if v == index
+        }
         assert sorted(seen) == sorted(matches.pixels)
         colours = view.rgb.reshape(-1, 3)
-        for pixel, other, z in zip(matches.pixels, matches.others, matches.distance, strict=True):
+        for pixel, other, z in zip(
+            matches.pixels, matches.others, matches.distance, strict=True
+        ):
             assert seen[pixel][0] == z
             np.testing.assert_allclose(seen[pixel][1], colours[other], atol=1e-7)
 
@@ -112,7 +120,11 @@ def flat_view(
     K = camera.K
     rgb = paint((u - K[0, 2]) / K[0, 0] * 2 + at, (v - K[1, 2]) / K[1, 1] * 2)
     return View(
-        name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)), encoding=encoding
+        name,
+        Arrays(rgb, np.full((24, 32), 2.0)),
+        camera,
+        make_pose((at, 0, 0)),
+        encoding=encoding,
     )
 
 
@@ -139,7 +151,9 @@ def test_rays_are_those_of_the_pixels_that_are_seen() -> None:
 
 def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits() -> None:
     codes = np.array([0, 10, 128, 255])  # IEC 61966-2-1: linear 0, .003035270, .215860500, 1
-    target = flat_view("a", lambda X, Y: np.broadcast_to(codes[[0, 1, 2]] / 255, (*X.shape, 3)), 0)
+    target = flat_view(
+        "a", lambda X, Y: np.broadcast_to(codes[[0, 1, 2]] / 255, (*X.shape, 3)), 0
+    )
     white = flat_view("b", lambda X, Y: np.ones((*X.shape, 3)), 0.1)
     observations = observe(target, [target, white], encoding="linear", with_view=True)
     assert observations.colour.dtype == np.uint16
@@ -191,7 +205,9 @@ class Watched:
 
 def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
     views = [
-        replace(v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else ""))
+        replace(
+            v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else "")
+        )
         for v in SCENE
     ]
     observations = observe(TARGET, views)

@@ -81,7 +81,8 @@ def everywhere(surface: Surface) -> Surface:
     """The surface with tiles that reach a kilometre in every direction: every view may see them."""
     corner = np.array(list(itertools.product((-1e3, 1e3), repeat=3))).T  # (3, 8)
     return replace(
-        surface, tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1)
+        surface,
+        tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1),
     )
 
 
@@ -104,10 +105,14 @@ def test_culling_never_drops_a_match() -> None:
     surface = lift(make_view("a.png", make_camera(96, 72, 80), make_pose((0, 0, 0))), tile_px=8)
     rng = np.random.default_rng(0)
     poses = [
-        make_pose(tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3))
+        make_pose(
+            tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3)
+        )
         for _ in range(40)
     ]
-    views = [make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)]
+    views = [
+        make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)
+    ]
     kept = [match(surface, view) for view in views]
     share_seen = visible_pixels(surface, views) / len(surface.pixels)
     for culled, view, share in zip(kept, views, share_seen, strict=True):

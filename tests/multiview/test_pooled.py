@@ -9,7 +9,9 @@ from sucre_bench.multiview.observe import observe
 
 def test_pooled_observations_keep_what_every_view_shows_of_every_pixel() -> None:
     scene = make_ground(WATERS["green"], width=48, height=36, heights_m=(1.5, 2.0, 2.7))
-    parts = [observe(view, scene.views, with_view=True, with_ray=True) for view in scene.views[1:]]
+    parts = [
+        observe(view, scene.views, with_view=True, with_ray=True) for view in scene.views[1:]
+    ]
     whole = pooled(parts, [view.name for view in scene.views])
     assert (np.diff(whole.counts) <= 0).all()
     assert len(whole) == sum(map(len, parts))

@@ -47,7 +47,11 @@ def n_loads(scene: Scene) -> int:
 
 
 def assert_equal(one: Observations, other: Observations) -> None:
-    assert (one.shape, one.views, one.unreadable) == (other.shape, other.views, other.unreadable)
+    assert (one.shape, one.views, one.unreadable) == (
+        other.shape,
+        other.views,
+        other.unreadable,
+    )
     for field in FIELDS:
         expected, found = getattr(one, field), getattr(other, field)
         assert (expected is None) == (found is None)

@@ -34,7 +34,8 @@ def scene() -> sb.Scene:
 
 def test_a_view_is_given_by_object_name_or_place(scene: sb.Scene):
     by = [
-        sb.restore("gray_world", scene, which).image for which in (scene["b.png"], "b.png", 1, -1)
+        sb.restore("gray_world", scene, which).image
+        for which in (scene["b.png"], "b.png", 1, -1)
     ]
     assert all(np.array_equal(image, by[0]) for image in by)
     with pytest.raises(sb.InputError, match=r"c\.png"):
@@ -49,7 +50,9 @@ def test_a_preset_and_a_display_are_given_as_on_the_command_line():
     assert np.allclose(preset.shown, same.shown, atol=1e-5, equal_nan=True)
     assert preset.display == "white-99" != sb.restore("sucre_exact", scene, 0).display
     assert set(sb.score(preset, scene[0], "uciqe")["method"]) == {"sucre_exact"}
-    assert sb.list_methods().loc["sucre_exact", "needs"] == sb.list_methods().loc["sucre", "needs"]
+    assert (
+        sb.list_methods().loc["sucre_exact", "needs"] == sb.list_methods().loc["sucre", "needs"]
+    )
     with pytest.raises(sb.InputError, match="strech"):
         sb.restore("gray_world", scene, 0, display="strech-1-99")
 
@@ -152,7 +155,9 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
         )
         assert decoded.shape == (180, 240, 3)
         assert abs(int(decoded[150, 100, 0]) - 127) < 4
-    compared = sb.compare_methods(scene, ["underwater", "gray_world"], metrics=["uciqe"], views=[0])
+    compared = sb.compare_methods(
+        scene, ["underwater", "gray_world"], metrics=["uciqe"], views=[0]
+    )
     assert "<table" in compared._repr_html_()
 
 
@@ -182,7 +187,9 @@ def test_each_public_name_has_an_example_that_runs(name: str):
     space = {**vars(home), "np": np}
     (test,) = finder.find(public, name, module=home, globs=space)
     assert test.examples, f"sucre_bench.{name} has no example in its docstring"
-    assert doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(test).failed == 0
+    assert (
+        doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(test).failed == 0
+    )
 
 
 def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(
@@ -193,7 +200,9 @@ def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(
     class Redness:
         """How red it is."""
 
-        def score(self, restored: sb.Restoration, shown: np.ndarray, view: sb.View, variant: str):
+        def score(
+            self, restored: sb.Restoration, shown: np.ndarray, view: sb.View, variant: str
+        ):
             yield sb.Score(float(shown[..., 0][restored.valid].mean()), n_pixels=1)
 
     @sb.method()

@@ -11,13 +11,17 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
-with_uv = pytest.mark.skipif(find_spec("uv") is None, reason="this environment was made without uv")
+with_uv = pytest.mark.skipif(
+    find_spec("uv") is None, reason="this environment was made without uv"
+)
 
 
 def run(*command: str | Path, **environment: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a command in an environment without any setting of this machine's pip or uv."""
     kept = {
-        name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "UV_"))
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PIP_", "UV_"))
     }
     variables = {
         **kept,

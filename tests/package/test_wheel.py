@@ -63,7 +63,9 @@ def test_the_pins_name_no_host_and_cover_every_dependency():
     assert "://" not in pins
     assert "@" not in pins
     pinned = {
-        line.split("==")[0].lower().replace("_", "-") for line in pins.splitlines() if "==" in line
+        line.split("==")[0].lower().replace("_", "-")
+        for line in pins.splitlines()
+        if "==" in line
     }
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]["all"][0]
@@ -111,7 +113,9 @@ def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_de
     assert (tmp_path / "outputs" / "restored" / "demo" / "halve_blue").is_dir()
 
 
-def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_documented_python_runs_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     Demo(root=tmp_path, views=2, width=96, height=72).folder().rename(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     code = next(block for block in blocks("docs/api.md", "python") if "load_scene(" in block)

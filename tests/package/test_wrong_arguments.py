@@ -34,7 +34,10 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         COMPARED.plot,
         {"view": 0, "labels": ["gray_world"], "metric": "uciqe", "height": 40},
     ),
-    "Degradation": (sb.Degradation, {"noise": 0.1, "within": 3, "bits": 8, "add_water": [0.1] * 9}),
+    "Degradation": (
+        sb.Degradation,
+        {"noise": 0.1, "within": 3, "bits": 8, "add_water": [0.1] * 9},
+    ),
     "Restoration": (
         sb.Restoration,
         {"image": RGB, "water": None, "confidence": DEPTH, "info": {}, "filled": RGB},
@@ -86,7 +89,10 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "degraded": (sb.degraded, {"scene": SCENE, "degradation": None, "target": "a.png"}),
     "load_file": (sb.load_file, {"path": f"{sb.__path__[0]}/methods/gray_world.py"}),
-    "load_scene": (sb.load_scene, {"name": "demo", "scene": "coastal", "width": 64, "height": 48}),
+    "load_scene": (
+        sb.load_scene,
+        {"name": "demo", "scene": "coastal", "width": 64, "height": 48},
+    ),
     "load_scenes": (
         lambda **given: list(sb.load_scenes(**given)),
         {"name": "demo", "width": 64, "height": 48},
@@ -172,7 +178,9 @@ class Dive(sb.View):
 
 
 @pytest.mark.parametrize(
-    "sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"]
+    "sides",
+    [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)],
+    ids=["scaled", "mirrored", "projective"],
 )
 def test_a_pose_turns_and_shifts_and_does_nothing_else(sides: tuple[int, ...]):
     with pytest.raises(sb.InputError, match=r"^View\.cam_from_world: .*rotation.*; pass "):
@@ -192,7 +200,9 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
             if kind in taken:
                 continue
             with pytest.raises(sb.SucreBenchError, match=r"\A(?=.{,1000}\Z)[^\n]+; [^\n]+\Z"):
-                pytest.fail(f"{argument} took {kind}: {type(call(**{**good, argument: value}))}")
+                pytest.fail(
+                    f"{argument} took {kind}: {type(call(**{**good, argument: value}))}"
+                )
     if isinstance(call, type):
         with pytest.raises(sb.InputError, match=r"\A[^\n]+'no_such'; [^\n]+\Z"):
             call(**good, no_such=1)
@@ -264,11 +274,24 @@ def test_each_source_of_pixels_keeps_its_own_even_if_all_are_equal() -> None:
     [
         *(
             {"rgb": wrong}
-            for wrong in (RGB[..., 0], "text", np.full((12, 16, 3), 200, np.uint8), [[1, 2], [3]])
+            for wrong in (
+                RGB[..., 0],
+                "text",
+                np.full((12, 16, 3), 200, np.uint8),
+                [[1, 2], [3]],
+            )
         ),
         *({"rgb": RGB, "depth": wrong} for wrong in (DEPTH[:5], RGB, "text")),
     ],
-    ids=["2-d", "text", "uint8", "ragged", "depth of another size", "3-d depth", "depth as text"],
+    ids=[
+        "2-d",
+        "text",
+        "uint8",
+        "ragged",
+        "depth of another size",
+        "3-d depth",
+        "depth as text",
+    ],
 )
 def test_what_load_returns_is_checked_before_a_method_has_it(planes: dict[str, Any]) -> None:
     view = sb.View("a.png", Level(planes))

@@ -28,7 +28,9 @@ def test_it_follows_the_plugins_own_file(tmp_path: Path):
     assert source_hash(find("method", "first_of_two")) != source_hash(
         find("method", "second_of_two")
     )
-    assert source_hash(find("method", "gray_world")) != source_hash(find("method", "underwater"))
+    assert source_hash(find("method", "gray_world")) != source_hash(
+        find("method", "underwater")
+    )
 
 
 def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Path):

@@ -49,7 +49,12 @@ class Made:
 
     def __post_init__(self) -> None:
         check_ranges(
-            self, whole="[1, 3]", share="(0, 1]", open_end="[0, 50)", maybe="[1, 9]", many="(0, 1]"
+            self,
+            whole="[1, 3]",
+            share="(0, 1]",
+            open_end="[0, 50)",
+            maybe="[1, 9]",
+            many="(0, 1]",
         )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -90,7 +95,9 @@ def given(option: Option, value: object) -> object:
 def test_no_number_of_a_restorer_may_be_nonsense(plugin: Plugin, option: Option) -> None:
     """Every field, so that none can be forgotten; made directly, without the engine's own checks."""
     for value in [*NONSENSE, *([1.5] if option.type is int else [])]:
-        with pytest.raises(InputError, match=rf"^{plugin.name}\.{option.name}: .*; give [^\n]*$"):
+        with pytest.raises(
+            InputError, match=rf"^{plugin.name}\.{option.name}: .*; give [^\n]*$"
+        ):
             plugin.cls(**{option.name: given(option, value)})
 
 

@@ -21,7 +21,9 @@ def states(found: doctor.Examined) -> dict[str, doctor.Feature]:
 def other_pythons_end(monkeypatch: pytest.MonkeyPatch, code: int, stderr: str = "") -> None:
     """Let each process that doctor starts end at once."""
     ended = subprocess.CompletedProcess([], code, "", stderr)
-    monkeypatch.setattr(doctor, "subprocess", SimpleNamespace(run=lambda *words, **options: ended))
+    monkeypatch.setattr(
+        doctor, "subprocess", SimpleNamespace(run=lambda *words, **options: ended)
+    )
 
 
 def test_doctor_tells_programs_what_people_read(bench, monkeypatch: pytest.MonkeyPatch):
@@ -34,7 +36,9 @@ def test_doctor_tells_programs_what_people_read(bench, monkeypatch: pytest.Monke
         assert feature["said"]
         assert feature["state"] in ("ready", "missing", "broken", "absent")
         if feature["state"] == "missing":
-            assert re.search(r"pip install \S+|apt-get install \S+|make setup", feature["remedy"])
+            assert re.search(
+                r"pip install \S+|apt-get install \S+|make setup", feature["remedy"]
+            )
 
 
 def test_doctor_counts_a_missing_dependency_but_no_extra(
@@ -51,7 +55,10 @@ def test_doctor_counts_a_missing_dependency_but_no_extra(
         "pip install 'sucre-bench[prepare]'",
     )
     broken = states(found)["results, configuration"]
-    assert (broken.state, broken.remedy.split("-m ")[1]) == ("broken", "pip install 'pyarrow>=17'")
+    assert (broken.state, broken.remedy.split("-m ")[1]) == (
+        "broken",
+        "pip install 'pyarrow>=17'",
+    )
     assert states(found)["tests in a browser"].state == "missing"
     assert states(found)["a cluster, by SLURM"].state == "absent"
 

@@ -84,7 +84,8 @@ def test_the_variant_behind_rounded_numbers_is_named(
 def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:hue")
     ours, theirs = (
-        np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs")
+        np.mean([v for name, v in values.items() if name.startswith(m)])
+        for m in ("ours", "theirs")
     )
     (found,) = matches(
         like("Method,Venue,UCIQE", [("Ours", "TIP", ours), ("Theirs", "", theirs)], *FEW)
@@ -183,7 +184,9 @@ def test_bytes_that_wrap_around_are_a_form(bench: Bench, pairs: tuple[str, str])
 def test_fewer_rows_and_rows_of_other_images_are_warnings(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:hue")
     rows = [(name, values[name], 0.5) for name in ("ours/0.png", "theirs/1.png")]
-    done = like("image,uciqe,LPIPS", [*rows, ("ours/9.png", 1, 0.5), ("ours/1", "-", 0.5)], *FEW)
+    done = like(
+        "image,uciqe,LPIPS", [*rows, ("ours/9.png", 1, 0.5), ("ours/1", "-", 0.5)], *FEW
+    )
     assert done.returncode == 0
     assert re.search("not read.*: LPIPS", done.stderr)
     assert re.search(r"\b1 row\b", done.stderr)
@@ -227,9 +230,13 @@ def pairs(tmp_path: Path) -> tuple[str, str]:
     for n in range(4):
         smooth = cv2.GaussianBlur(rng.random((96, 128, 3)), (0, 0), 4)
         truth = ((smooth - smooth.min()) / np.ptp(smooth) * 255).astype(np.uint8)
-        cv2.imwrite(str(tmp_path / "truth" / f"{n}.jpg"), truth, [cv2.IMWRITE_JPEG_QUALITY, 100])
+        cv2.imwrite(
+            str(tmp_path / "truth" / f"{n}.jpg"), truth, [cv2.IMWRITE_JPEG_QUALITY, 100]
+        )
         small = cv2.resize(truth, (64, 64)).astype(int) + rng.integers(-30, 30, 3)
-        cv2.imwrite(str(tmp_path / "out" / f"{n}_ours.png"), small.clip(0, 255).astype(np.uint8))
+        cv2.imwrite(
+            str(tmp_path / "out" / f"{n}_ours.png"), small.clip(0, 255).astype(np.uint8)
+        )
     return str(tmp_path / "out"), str(tmp_path / "truth")
 
 
@@ -240,7 +247,9 @@ def published_psnr(out: str, truth: str, gray: bool = False, crop: int = 0) -> l
         reference = cv2.resize(cv2.imread(f"{truth}/{n}.jpg"), (64, 64))
         picture = cv2.imread(f"{out}/{n}_ours.png")
         if gray:
-            picture, reference = (cv2.cvtColor(x, cv2.COLOR_BGR2GRAY) for x in (picture, reference))
+            picture, reference = (
+                cv2.cvtColor(x, cv2.COLOR_BGR2GRAY) for x in (picture, reference)
+            )
         error = (picture.astype(float) - reference)[crop : 64 - crop, crop : 64 - crop]
         values.append(10 * np.log10(255**2 / np.mean(error**2)))
     return values
@@ -291,7 +300,12 @@ def test_one_form_answers_all_numbers_and_dnnets_peak_is_known(
 @pytest.mark.parametrize(
     ("name", "crop", "form", "words"),
     [
-        ("result\\{n}.png", 0, "unmasked@64-bilinear", ("--metrics", "psnr:unmasked@64-bilinear")),
+        (
+            "result\\{n}.png",
+            0,
+            "unmasked@64-bilinear",
+            ("--metrics", "psnr:unmasked@64-bilinear"),
+        ),
         # cropped edges are found where no usual form fits
         ("{n}", 4, "unmasked@64-bilinear@crop4", ()),
     ],

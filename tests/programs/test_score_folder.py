@@ -37,7 +37,14 @@ def psnr(bench, folders):
 def test_a_folder_is_scored_against_references_of_the_same_names(bench, folders):
     images, truth = folders
     done = bench(
-        "score", str(images), "--reference", str(truth), "--metrics", "psnr,ssim", "--format", "csv"
+        "score",
+        str(images),
+        "--reference",
+        str(truth),
+        "--metrics",
+        "psnr,ssim",
+        "--format",
+        "csv",
     )
     assert done.returncode == 0
     rows = scores(done.stdout)
@@ -54,7 +61,9 @@ def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders
     assert set(variants.index) == {"uciqe", "uiqm", "uicm", "uism", "uiconm", "saturated_red"}
     assert variants.drop("saturated_red").min() >= 5
     with_truth = scores(
-        bench("score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv").stdout
+        bench(
+            "score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv"
+        ).stdout
     )
     assert set(with_truth["metric"]) == {"psnr", "ssim", "colours", "colours_de00"} | set(
         rows["metric"]

@@ -129,9 +129,9 @@ def test_runs_are_there_while_a_view_is_restored_killed_at_ctrl_c_and_go_on_with
     }
     rows = results.read(out)
     for name in ("gain", "gain2"):
-        values = rows[(rows["method"] == name) & (rows["metric"] == "redness")].sort_values("view")[
-            "value"
-        ]
+        values = rows[(rows["method"] == name) & (rows["metric"] == "redness")].sort_values(
+            "view"
+        )["value"]
         assert steps(uri, done[name]) == {
             step: [pytest.approx(value)] for step, value in enumerate(values)
         }
@@ -170,7 +170,11 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     logged, rows = by_method(uri), results.read(out)
     assert set(logged) == {"", "gain", "faulty"}
     parent, gain, faulty = (logged[name] for name in ("", "gain", "faulty"))
-    assert [run.info.status for run in (parent, gain, faulty)] == ["FAILED", "FINISHED", "FAILED"]
+    assert [run.info.status for run in (parent, gain, faulty)] == [
+        "FAILED",
+        "FINISHED",
+        "FAILED",
+    ]
     assert "boom" in faulty.data.tags["reason"]
     assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
     assert steps(uri, faulty).keys() == {0, 2}, "the view that failed leaves its step out"
@@ -179,7 +183,9 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
         gain.data.params.items()
         >= {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}.items()
     )
-    assert gain.data.params.items() >= {"replicate": "0", "seed": "0", "degrade.seed": "0"}.items()
+    assert (
+        gain.data.params.items() >= {"replicate": "0", "seed": "0", "degrade.seed": "0"}.items()
+    )
     assert parent.data.params.items() >= {"dataset.name": "toy", "degrade.noise": "0"}.items()
     assert "method.name" not in parent.data.params
     of_gain = rows[(rows["method"] == "gain") & (rows["metric"] == "redness")]
@@ -206,7 +212,9 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     assert pictures == {"gain": [0, 1, 2], "faulty": [0, 2]}
     assert len(pd.read_parquet(artifacts(parent) / "scores.parquet")) == len(rows)
     assert "gain" in parent.data.tags["mlflow.note.content"]
-    assert gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour  # that of the figures
+    assert (
+        gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour
+    )  # that of the figures
 
 
 def test_environment_variables_of_mlflow_are_the_defaults(
@@ -245,7 +253,9 @@ def test_a_server_that_is_down_costs_no_view_and_one_line_and_is_made_up_for(
     assert "3 cached" in again.stdout
     assert by_method(uri)["gain"].info.status == "FINISHED"
     assert bench("track", "out").stdout.splitlines()[0].endswith("0 new runs")
-    assert "mlflow" not in bench(*RUN, "method=gain", f"out={out}").stderr, "known without asking"
+    assert "mlflow" not in bench(*RUN, "method=gain", f"out={out}").stderr, (
+        "known without asking"
+    )
 
 
 def test_a_password_in_the_address_is_neither_printed_nor_stored(
@@ -268,7 +278,8 @@ def test_a_password_in_the_address_is_neither_printed_nor_stored(
 def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
     uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
     started = [
-        Started(tmp_path, *RUN, "method=gain", f"out={n}", f"tracking.uri={uri}") for n in range(2)
+        Started(tmp_path, *RUN, "method=gain", f"out={n}", f"tracking.uri={uri}")
+        for n in range(2)
     ]
     done = [one.ended() for one in started]
     assert [d.returncode for d in done] == [0] * 2, [d.stderr for d in done]
@@ -317,7 +328,9 @@ def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
         value=1.0,
     )
     for second, code in enumerate(("a" * 12, "b" * 12)):
-        results.write_rows(out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")])
+        results.write_rows(
+            out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")]
+        )
         assert log(out, Place(uri, "sucre_bench")) == 1
     latest = {
         run.data.tags["code"]: run.data.tags["latest"]
@@ -331,7 +344,13 @@ def test_means_are_those_of_the_table(out: Path, uri: str):
     """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
     options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
     base = Row(
-        "demo", "reef", method="gray_world", options=options, options_id="o", data_id="d", code="c"
+        "demo",
+        "reef",
+        method="gray_world",
+        options=options,
+        options_id="o",
+        data_id="d",
+        code="c",
     )
     angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
     kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}

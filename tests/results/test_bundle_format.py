@@ -49,13 +49,18 @@ def written(path: Path, **files: bytes) -> str:
 
 def test_the_same_content_gives_the_same_bytes_wherever_it_is_written(tmp_path: Path):
     ids = [
-        written(tmp_path / name / "b.zip", one=b"1", two=b"2" * 5000) for name in ("here", "there")
+        written(tmp_path / name / "b.zip", one=b"1", two=b"2" * 5000)
+        for name in ("here", "there")
     ]
-    assert (tmp_path / "here" / "b.zip").read_bytes() == (tmp_path / "there" / "b.zip").read_bytes()
+    assert (tmp_path / "here" / "b.zip").read_bytes() == (
+        tmp_path / "there" / "b.zip"
+    ).read_bytes()
     assert ids[0] == ids[1] != written(tmp_path / "c.zip", one=b"1", two=b"3" * 5000)
 
 
-@pytest.mark.parametrize("value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22])
+@pytest.mark.parametrize(
+    "value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22]
+)
 def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, value: float):
     scores = rows().assign(value=value)
     with np.printoptions(legacy="1.13", precision=3):
@@ -151,11 +156,16 @@ def test_a_manifest_of_another_kind_is_refused(tmp_path: Path, manifest: bytes):
         pass
 
 
-@pytest.mark.parametrize("table", [b"", b"a,b\n1,2\n", b"\xff\xfe\x00", b"dataset\n" + b"x\n" * 5])
+@pytest.mark.parametrize(
+    "table", [b"", b"a,b\n1,2\n", b"\xff\xfe\x00", b"dataset\n" + b"x\n" * 5]
+)
 def test_a_table_of_another_kind_is_refused(tmp_path: Path, table: bytes):
     """Although its hash holds."""
     write_bundle(tmp_path / "b.zip", rows(), {"scores.csv": table}, {}, "", "")
-    with open_bundle(tmp_path / "b.zip") as bundle, pytest.raises(InputError, match=r"scores\.csv"):
+    with (
+        open_bundle(tmp_path / "b.zip") as bundle,
+        pytest.raises(InputError, match=r"scores\.csv"),
+    ):
         _ = bundle.rows
 
 

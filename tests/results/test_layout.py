@@ -76,7 +76,9 @@ def test_no_two_views_share_a_file_on_any_system_and_each_is_found_again(
 
 
 def test_usual_names_stay_as_they_are() -> None:
-    views = [SimpleNamespace(name=name) for name in ("GH010012.JPG", "_MG 7 (2).JPG", "left/Ü.png")]
+    views = [
+        SimpleNamespace(name=name) for name in ("GH010012.JPG", "_MG 7 (2).JPG", "left/Ü.png")
+    ]
     made: Any = [SimpleNamespace(name="dive", views=views)]
     stems = [place.stem.as_posix() for place in layout.places("dive", made).values()]
     assert stems == ["GH010012", "_MG 7 (2)", "left/Ü"]

@@ -35,7 +35,9 @@ INFO = {
 
 
 def kept(folder: Path, info: dict[str, Any] | None = None) -> Path:
-    restoration = Restoration(IMAGE, WATER, np.abs(IMAGE[..., 0]), INFO if info is None else info)
+    restoration = Restoration(
+        IMAGE, WATER, np.abs(IMAGE[..., 0]), INFO if info is None else info
+    )
     write_full(folder / "a.npz", Measured(restoration, 12.5, float("nan")), BASE)
     return folder / "a.npz"
 
@@ -54,7 +56,9 @@ def test_all_of_it_comes_back_bit_by_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("other", [{"options_id": "o2"}, {"data_id": "d2"}, {"code": "c2"}])
-def test_of_other_options_data_or_code_it_is_none(tmp_path: Path, other: dict[str, str]) -> None:
+def test_of_other_options_data_or_code_it_is_none(
+    tmp_path: Path, other: dict[str, str]
+) -> None:
     assert read_full(kept(tmp_path), replace(BASE, **other)) is None
 
 
@@ -113,7 +117,9 @@ def test_what_was_kept_whole_is_scored_again_without_restoring_it(out: Path, tmp
     assert calls(tmp_path / "log") == ["v0.png", "v1.png", "v2.png"]
     times = ["time", "value", "seconds", "peak_mb"]
     fresh = run(tmp_path / "fresh", log, wanted)
-    pd.testing.assert_frame_equal(later.rows.drop(columns=times), fresh.rows.drop(columns=times))
+    pd.testing.assert_frame_equal(
+        later.rows.drop(columns=times), fresh.rows.drop(columns=times)
+    )
     scored = [
         rows.loc[~rows["metric"].isin(["seconds", "peak_mb"]), "value"]
         for rows in (later.rows, fresh.rows)
@@ -152,6 +158,8 @@ def test_what_was_kept_whole_is_of_the_picture_beside_it(out: Path, tmp_path: Pa
     with np.load(out / "restored/toy/gain/v1.npz") as arrays:
         image = arrays["image"]
     (view,) = (
-        view for view in next(iter(find("dataset", "toy").cls().scenes())) if view.name == "v1.png"
+        view
+        for view in next(iter(find("dataset", "toy").cls().scenes()))
+        if view.name == "v1.png"
     )
     np.testing.assert_allclose(image, view.rgb * 0.5, rtol=1e-6)

@@ -43,7 +43,9 @@ def test_a_newer_score_replaces_all_regions_of_the_older(tmp_path: Path):
 
 
 @pytest.mark.parametrize("change", [{"options_id": "o2"}, {"data_id": "d2"}, {"code": "c2.p"}])
-def test_scores_of_other_options_data_or_code_are_not_mixed(tmp_path: Path, change: dict[str, str]):
+def test_scores_of_other_options_data_or_code_are_not_mixed(
+    tmp_path: Path, change: dict[str, str]
+):
     write(tmp_path, "one", ROW, replace(ROW, metric="ssim"))
     write(tmp_path, "two", replace(ROW, value=2.0, time=LATER, **change))
     assert read(tmp_path)["metric"].tolist() == ["psnr"]
@@ -109,7 +111,9 @@ def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: st
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"]
 
 
-@pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])
+@pytest.mark.parametrize(
+    "has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})]
+)
 def test_a_lack_is_known_by_its_code_and_names_what_is_there(has: frozenset[str]):
     text = plugins.missing_needs(plugins.find("method", "sucre"), has, "view")
     assert Reason.of(text) is Reason.LACK
@@ -138,7 +142,9 @@ def test_a_number_that_a_view_is_named_like_stays_in_its_reason():
 
 def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
     method = plugins.find("method", "sucre")
-    assert "sucre-bench prepare" in with_remedy(plugins.missing_needs(method, frozenset({"poses"})))
+    assert "sucre-bench prepare" in with_remedy(
+        plugins.missing_needs(method, frozenset({"poses"}))
+    )
     charts = plugins.missing_needs(plugins.find("metric", "psi"), frozenset())
     assert with_remedy(charts) == charts
 
@@ -255,7 +261,7 @@ def test_a_merge_that_was_killed_leaves_every_row_to_the_next(tmp_path: Path, mo
             break
         except KeyboardInterrupt:
             moments.at(0, killed)
-        assert views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"], (
-            f"at touch {n}"
-        )
+        assert (
+            views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"]
+        ), f"at touch {n}"
     assert n > 6

@@ -49,7 +49,9 @@ def chromium() -> str:
 class Browser:
     """One tab. complaints: warnings and errors on the console, exceptions, and requests that leave the machine."""
 
-    def __init__(self, program: str, profile: Path, width: int = 1440, height: int = 900) -> None:
+    def __init__(
+        self, program: str, profile: Path, width: int = 1440, height: int = 900
+    ) -> None:
         flags = [
             "--no-sandbox",
             "--disable-gpu",
@@ -146,9 +148,13 @@ class Browser:
 
     def wait_until_loaded(self) -> None:
         """Wait until the page has all that it asked for, or knows that it cannot have it."""
-        self.ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.ask(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
         self.wait(lambda: not self._loading, "nothing is loading")
-        self._page.wait_for_timeout(20)  # for a complaint about the last one, which is on its way
+        self._page.wait_for_timeout(
+            20
+        )  # for a complaint about the last one, which is on its way
 
     def draws(self, seed: int) -> None:
         """From the next page on, let pages draw these random numbers."""

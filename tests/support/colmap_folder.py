@@ -13,10 +13,14 @@ FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # at the world's origin, along it
 Image = tuple[str, tuple[float, ...], int]  # name, qw qx qy qz tx ty tz, camera id
 
 
-def write_model(sparse: Path, images: Iterable[Image], cameras: Iterable[str] = (CAMERA,)) -> None:
+def write_model(
+    sparse: Path, images: Iterable[Image], cameras: Iterable[str] = (CAMERA,)
+) -> None:
     """Write a text model; the points line of every second image is empty, as it is where nothing was matched."""
     sparse.mkdir(parents=True, exist_ok=True)
-    (sparse / "cameras.txt").write_text("# a comment\n" + "".join(f"{line}\n" for line in cameras))
+    (sparse / "cameras.txt").write_text(
+        "# a comment\n" + "".join(f"{line}\n" for line in cameras)
+    )
     lines = ["# a comment"]
     for number, (name, pose, camera) in enumerate(images, 1):
         lines += [

@@ -348,5 +348,7 @@ def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     names = names or EXTRAS
     find_spec = importlib.util.find_spec
     monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *more: None if name in names else find_spec(name)
+        importlib.util,
+        "find_spec",
+        lambda name, *more: None if name in names else find_spec(name),
     )

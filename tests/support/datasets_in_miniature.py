@@ -80,7 +80,9 @@ MINIATURES = {
         "depths/*",
         ("transforms.json",),
     ),
-    "openmvs": Miniature(_of_test("datasets/test_openmvs.py", "write_scene"), "images/*", "*.dmap"),
+    "openmvs": Miniature(
+        _of_test("datasets/test_openmvs.py", "write_scene"), "images/*", "*.dmap"
+    ),
     "photos": Miniature(_photographs(""), "*.png"),
     "seathru": Miniature(_of_test(_SUPPORT, "write_set"), "linearPNG/*", "depth/*", below="D1"),
     "seathru_nerf": Miniature(

@@ -42,7 +42,9 @@ def photographed(intensity: np.ndarray) -> np.ndarray:
     return np.rint(intensity.clip(0, 1) * 255) / 255
 
 
-CLEAR = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
+CLEAR = Water(
+    np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13])
+)
 
 
 def random_seabed(seed: int = 0) -> View:

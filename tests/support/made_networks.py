@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     import torch
 
 # Method -> its architecture, and the option that names the file.
-ARCHITECTURES = {"water_net": "WaterNet", "funie_gan": "FunieGenerator", "tacl": "TaclGenerator"}
+ARCHITECTURES = {
+    "water_net": "WaterNet",
+    "funie_gan": "FunieGenerator",
+    "tacl": "TaclGenerator",
+}
 
 
 def empty_network(architecture: str) -> torch.nn.Module:
@@ -33,7 +37,9 @@ def random_state(architecture: str, seed: int = 0) -> dict[str, Any]:
     import torch
 
     draw = torch.Generator().manual_seed(seed)
-    shapes = {key: value.shape for key, value in empty_network(architecture).state_dict().items()}
+    shapes = {
+        key: value.shape for key, value in empty_network(architecture).state_dict().items()
+    }
     state = {}
     for key, shape in shapes.items():
         noise = torch.randn(shape, generator=draw)
@@ -78,7 +84,10 @@ def onnx_file(
             helper.make_tensor_value_info(name, getattr(onnx.TensorProto, output_dtype), None)
             for name in outputs
         ],
-        [onnx.numpy_helper.from_array(value, name) for name, value in (constants or {}).items()],
+        [
+            onnx.numpy_helper.from_array(value, name)
+            for name, value in (constants or {}).items()
+        ],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=10)
     onnx.save(model, path)

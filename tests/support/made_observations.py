@@ -47,7 +47,9 @@ def made(
         z = rng.uniform(*distances_m, len(chosen)).astype(np.float32)
         I = in_water(J[chosen], z, water)
         I = I + noise * rng.standard_normal(I.shape)
-        stored = np.rint(I.clip(0, 1) * 255).astype(np.uint8) if eight_bit else I.astype(np.float32)
+        stored = (
+            np.rint(I.clip(0, 1) * 255).astype(np.uint8) if eight_bit else I.astype(np.float32)
+        )
         seen.append(Seen(f"{k}.png", chosen, z, stored))
     observations = arrange(shape or (1, n_pixels), seen, with_view=shape is not None)
     return observations, J[observations.pixels].T
@@ -72,7 +74,9 @@ def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray
     )
 
 
-def reduced_residuals(observations: Observations, channel: int, water: np.ndarray) -> np.ndarray:
+def reduced_residuals(
+    observations: Observations, channel: int, water: np.ndarray
+) -> np.ndarray:
     """The residuals (N,) of one channel with every pixel's best colour, float64, one pixel after the other."""
     place, z, I = flat(observations)
     B, beta, gamma = water

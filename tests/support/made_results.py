@@ -82,7 +82,9 @@ def _chart_rows(row: Row, number: int) -> Iterator[Row]:
         for c, channel in enumerate(("red", "green", "blue")):
             colour = {"metric": "patch_colour", "unit": "", "better": "none"}
             yield replace(here, **colour, variant=channel, value=measured[c] / 255)
-            yield replace(here, **colour, variant=f"{channel}-expected", value=expected[c] / 255)
+            yield replace(
+                here, **colour, variant=f"{channel}-expected", value=expected[c] / 255
+            )
 
 
 def _write(
@@ -111,7 +113,13 @@ def _write(
 
 
 ROW = Row(
-    scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d"
+    scene="reef",
+    metric="psnr",
+    variant="masked",
+    unit="dB",
+    better="higher",
+    code="c",
+    data_id="d",
 )
 
 
@@ -132,7 +140,10 @@ def row(
         **({"degrade": dict(degrade)} if degrade else {}),
     }
     label = ",".join(
-        [str(dataset["name"]), *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items())]
+        [
+            str(dataset["name"]),
+            *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items()),
+        ]
     )
     status = {"status": "failed", "reason": "broke"} if np.isnan(value) else {}
     own = {"dataset": label, "method": method, "time": "2026-01-01", **status, **about}

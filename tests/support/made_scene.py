@@ -11,20 +11,27 @@ from support.forward_model import in_water, photographed
 # The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
 PLANE = np.array([0.06, -0.04, 0.33])
 BOX = np.array([[-0.5, -0.4, 1.9], [0.2, 0.3, 2.3]])
-WATER = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
+WATER = Water(
+    np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13])
+)
 
 
 def make_camera(width: int, height: int, focal: float) -> Camera:
     """A camera whose principal point is a little off the middle."""
     return Camera(
-        np.array([[focal, 0, width / 2 + 0.7], [0, focal * 1.02, height / 2 - 0.4], [0, 0, 1.0]]),
+        np.array(
+            [[focal, 0, width / 2 + 0.7], [0, focal * 1.02, height / 2 - 0.4], [0, 0, 1.0]]
+        ),
         width,
         height,
     )
 
 
 def make_pose(
-    position: tuple[float, float, float], yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
+    position: tuple[float, float, float],
+    yaw: float = 0.0,
+    pitch: float = 0.0,
+    roll: float = 0.0,
 ) -> np.ndarray:
     """cam_from_world of a camera at a position in metres, turned by angles in radians."""
     (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
@@ -86,7 +93,9 @@ def texture(points: np.ndarray) -> np.ndarray:
 def make_scene() -> Scene:
     """Four views of different size, focal length and distance; the target "a.png" has pixels without depth."""
     views = [
-        make_view("near.png", make_camera(52, 40, 44), make_pose((0.1, 0.05, 0.6), 0.06, -0.05)),
+        make_view(
+            "near.png", make_camera(52, 40, 44), make_pose((0.1, 0.05, 0.6), 0.06, -0.05)
+        ),
         make_view(
             "a.png",
             make_camera(60, 44, 56),

@@ -29,7 +29,9 @@ def names(message: object) -> set[str]:
     whole = {word.strip("()").lstrip("'\"`").rstrip(_PUNCTUATION) for word in words}
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
     # of a.py:12
-    parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}
+    parts = {
+        part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])
+    }
     return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}
 
 

@@ -20,7 +20,9 @@ from support.colmap_folder import picture, to_binary, write_image, write_model
 
 WIDTH, HEIGHT = 160, 120
 FAR = 9.0  # depth around the disk
-POINT = np.array([0.7, -0.4, 5.0])  # of the world; off every axis, so that a distance is no depth
+POINT = np.array(
+    [0.7, -0.4, 5.0]
+)  # of the world; off every axis, so that a distance is no depth
 # centre; turn about x, y, z
 BOTH = (
     ((-0.8, -0.2, -0.1), (0.05, -0.04, 0.6)),
@@ -46,10 +48,14 @@ def write_spot(path: Path, at: np.ndarray, size: tuple[int, int] = (WIDTH, HEIGH
     u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
     spot = 255 * np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * 1.0**2))
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.repeat(np.rint(spot)[..., None], 3, axis=-1).astype(np.uint8))
+    assert cv2.imwrite(
+        str(path), np.repeat(np.rint(spot)[..., None], 3, axis=-1).astype(np.uint8)
+    )
 
 
-def disk_depth(at: np.ndarray, depth: float, size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.ndarray:
+def disk_depth(
+    at: np.ndarray, depth: float, size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> np.ndarray:
     """A depth map (H, W) float32: `depth` within 2 pixels of a position, FAR elsewhere."""
     u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
     return np.where(np.hypot(u - at[0], v - at[1]) < 2, depth, FAR).astype(np.float32)
@@ -68,7 +74,9 @@ def camera_and_pose(view: View) -> tuple[Camera, np.ndarray]:
     return view.camera, view.cam_from_world
 
 
-def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | None = POINT) -> None:
+def check_both(
+    a: View, b: View, tolerance: float = 0.1, point: np.ndarray | None = POINT
+) -> None:
     """The point falls on the spot of each view; each depth there is its; and a's spot, lifted by a's depth, is b's."""
     for one, other in ((a, b), (b, a)):
         (camera, pose), (camera_b, pose_b) = camera_and_pose(one), camera_and_pose(other)
@@ -145,9 +153,9 @@ def model_pose(world_from_cam: np.ndarray, units: float = 1.0) -> tuple[float, .
 
 def photographed(world_from_cam: np.ndarray) -> np.ndarray:
     """Where POINT is in a photograph: OpenCV's own projection."""
-    return cv2.projectPoints(seen(world_from_cam, POINT)[None], np.zeros(3), np.zeros(3), K, BENT)[
-        0
-    ].ravel()
+    return cv2.projectPoints(
+        seen(world_from_cam, POINT)[None], np.zeros(3), np.zeros(3), K, BENT
+    )[0].ravel()
 
 
 def write_photographs(
@@ -334,7 +342,9 @@ def write_survey(
         point = seen(pose_of(*BOTH[number]))
         write_spot(root / f"images/DSC_{number}.png", imaged(point, lens))
         (root / "depths").mkdir(exist_ok=True)
-        depth = disk_depth(undistorted(point, lens) / 2, unit * point[2], (WIDTH // 2, HEIGHT // 2))
+        depth = disk_depth(
+            undistorted(point, lens) / 2, unit * point[2], (WIDTH // 2, HEIGHT // 2)
+        )
         tifffile.imwrite(root / f"depths/DSC_{number}.tif", depth)
     (root / "cameras.xml").write_text(
         f'<document version="2.0.0">{chunk_xml(lens, cameras)}</document>'

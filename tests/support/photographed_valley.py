@@ -12,7 +12,9 @@ from sucre_bench.programs.prepare.shots import Shot
 from support.made_scene import make_pose
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 217.5
-CAMERA = Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+CAMERA = Camera(
+    np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT
+)
 DISTORTION = np.array([-0.08, 0, 0, 0])
 # n . X = 1: they meet in a valley some 2.5 m away
 PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])
@@ -59,14 +61,14 @@ def photograph(pose: Array) -> np.ndarray:
     K = CAMERA.K.copy()
     K[:2, 2] -= 0.5
     u, v = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
-    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(
-        HEIGHT, WIDTH, 2
-    )
+    straight = cv2.undistortPoints(
+        np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION
+    ).reshape(HEIGHT, WIDTH, 2)
     rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
     world_from_cam = np.linalg.inv(pose)
-    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[
-        :3, 3
-    ]
+    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[
+        :3, :3
+    ].T + world_from_cam[:3, 3]
     at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
     seen = cv2.remap(
         texture(), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP

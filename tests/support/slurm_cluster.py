@@ -79,7 +79,9 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
     """
     with ExitStack() as stack:
         # Short, whatever TMPDIR says: a socket's path may have no more than 108 characters.
-        made = tempfile.TemporaryDirectory(prefix="slurm-", dir="/tmp", ignore_cleanup_errors=True)
+        made = tempfile.TemporaryDirectory(
+            prefix="slurm-", dir="/tmp", ignore_cleanup_errors=True
+        )
         folder = Path(stack.enter_context(made))
         conf = folder / "slurm.conf"
         host, cores = socket.gethostname().partition(".")[0], len(os.sched_getaffinity(0))
@@ -104,7 +106,9 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
             "SLURM_CONF": str(conf),
             "PATH": f"{folder / 'bin'}:{os.environ['PATH']}:/usr/sbin:/sbin",
         }
-        files = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "log", "seed")]
+        files = [
+            f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "log", "seed")
+        ]
         _start(
             stack,
             folder,
@@ -181,6 +185,7 @@ def _wait_until_idle(folder: Path, environment: dict[str, str]) -> None:
             return
         time.sleep(0.1)
     logs = "\n".join(
-        f"-- {path.name}\n{path.read_text()[-1000:]}" for path in sorted(folder.glob("*.*o*[gt]"))
+        f"-- {path.name}\n{path.read_text()[-1000:]}"
+        for path in sorted(folder.glob("*.*o*[gt]"))
     )
     raise RuntimeError(f"SLURM did not come up: {answer}\n{logs}")

@@ -121,7 +121,10 @@ class Gain:
         if self.log:
             with self.log.open("a") as file:
                 file.write(f"{view.name}\n")
-            if view.name == self.stays_at and self.log.read_text().split().count(view.name) == 1:
+            if (
+                view.name == self.stays_at
+                and self.log.read_text().split().count(view.name) == 1
+            ):
                 time.sleep(3600)
         time.sleep(self.pause)
         return Restoration(view.rgb * self.gain)
@@ -171,7 +174,9 @@ class Tabulated:
         info = {"seconds": 12.5, "peak_mb": float("nan"), "deviation": [1.0, float("nan")]}
         unknown = np.full(3, np.nan)
         return Restoration(
-            view.rgb * float(file.read_text()), Water(np.full(3, 0.2), unknown, unknown), info=info
+            view.rgb * float(file.read_text()),
+            Water(np.full(3, 0.2), unknown, unknown),
+            info=info,
         )
 
 
@@ -506,7 +511,9 @@ class Called:
 
     def scenes(self) -> Iterator[Scene]:
         yield Scene(
-            self.scene, [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))], frozenset()
+            self.scene,
+            [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))],
+            frozenset(),
         )
 
 

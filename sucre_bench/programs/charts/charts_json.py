@@ -31,13 +31,17 @@ class ChartsFile:
         # so that kinds, which may be paths, do not depend on the current folder
         self.path = path = path.resolve()
         self._sizes = sizes
-        self._confirmed = {name: list(charts) for name, charts in read_charts(path, sizes).items()}
+        self._confirmed = {
+            name: list(charts) for name, charts in read_charts(path, sizes).items()
+        }
         self._content: dict[str, Any] = (
             json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         )
         with reading(path, "remove 'proposed' there"):
             self._proposed = {
-                view: {name: self._proposal(view, name, entry) for name, entry in charts.items()}
+                view: {
+                    name: self._proposal(view, name, entry) for name, entry in charts.items()
+                }
                 for view, charts in self._content.get("proposed", {}).items()
                 if view in sizes
             }

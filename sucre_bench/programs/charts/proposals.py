@@ -81,7 +81,9 @@ def detect(shown: Array, kind: str) -> list[Chart]:
 
 
 def propose(
-    marked: Sequence[tuple[View, Chart]], views: Iterable[View], only: Container[str] | None = None
+    marked: Sequence[tuple[View, Chart]],
+    views: Iterable[View],
+    only: Container[str] | None = None,
 ) -> Iterator[Proposal]:
     """Yield proposals for charts that are marked in some views and not in others.
 
@@ -145,7 +147,9 @@ def _seen_at(view: View, points: Array) -> Array | None:
         return None
     corners, z = project(view.camera, moved(points, view.cam_from_world))
     is_within = (corners >= 0).all() and (corners <= view.camera.size).all()
-    is_readable = is_within and _shortest_edge(corners) >= _LEAST_EDGE_PX and are_corners(corners)
+    is_readable = (
+        is_within and _shortest_edge(corners) >= _LEAST_EDGE_PX and are_corners(corners)
+    )
     if not ((z > 0).all() and is_readable and _has_depth(view)):
         return None
     # Compare the chart's plane, at a grid of places, with the view's own depth.

@@ -63,7 +63,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._say(403, "not for you; open the address that was printed")
         elif path in _FILES:
             name, kind = _FILES[path]
-            self._reply(200, f"{kind}; charset=utf-8", Path(__file__).with_name(name).read_bytes())
+            self._reply(
+                200, f"{kind}; charset=utf-8", Path(__file__).with_name(name).read_bytes()
+            )
         elif path == "state":
             self._answer(session.state)
         elif path == "image":

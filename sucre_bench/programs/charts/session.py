@@ -66,7 +66,9 @@ class Session:
                 taken = {chart.name for _, chart in known}
                 for chart in found:
                     names = [
-                        p.chart.name for p in expected if overlap(chart.corners, p.chart.corners)
+                        p.chart.name
+                        for p in expected
+                        if overlap(chart.corners, p.chart.corners)
                     ]
                     # one of these is free
                     numbered = [f"chart{n + 1}" for n in range(len(taken) + 1)]
@@ -116,7 +118,8 @@ class Session:
                     "name": view.name,
                     "charts": [plain(chart) for chart in self.file.confirmed(view.name)],
                     "proposed": [
-                        {**plain(p.chart), "from": p.source} for p in self.file.proposed(view.name)
+                        {**plain(p.chart), "from": p.source}
+                        for p in self.file.proposed(view.name)
                     ],
                 }
                 for view in self.everything
@@ -206,7 +209,9 @@ class Session:
 
     def _marked(self) -> list[tuple[View, Chart]]:
         return [
-            (view, chart) for view in self.everything for chart in self.file.confirmed(view.name)
+            (view, chart)
+            for view in self.everything
+            for chart in self.file.confirmed(view.name)
         ]
 
     def _chart(self, view: View, name: str, kind: str, corners: Any) -> Chart:

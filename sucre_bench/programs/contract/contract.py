@@ -34,7 +34,9 @@ from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
-_SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
+_SLOW_IMPORT = (
+    1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
+)
 
 # Packages that take long to import; they belong inside the functions that use them.
 _HEAVY = {
@@ -112,7 +114,9 @@ class Subject:
         if lacking := absent(*self.plugin.requires):
             return str(lacking)
         needed = [o.name for o in options_of(self.plugin.cls) if o.is_required]
-        missing = [f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options]
+        missing = [
+            f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options
+        ]
         return f"options must be given; add {' '.join(missing)}" if missing else ""
 
     def make(self) -> Any:
@@ -125,7 +129,9 @@ class Subject:
         """Whether a file belongs to the plugin or lies in its folder."""
         file = Path(filename).resolve()
         folder = self.file.parent
-        return file == self.file or ((folder / "__init__.py").exists() and folder in file.parents)
+        return file == self.file or (
+            (folder / "__init__.py").exists() and folder in file.parents
+        )
 
 
 Lines = Iterator[str]
@@ -166,7 +172,9 @@ def subjects(
         loaded = plugins.load_file(Path(name))
         found = [plugins.find(one.kind, one.name) for one in loaded if kind in (None, one.kind)]
         if not found:
-            raise InputError(f"{name}: holds no {kind}; leave --kind out to check what is there")
+            raise InputError(
+                f"{name}: holds no {kind}; leave --kind out to check what is there"
+            )
         if overrides and len(found) > 1:
             raise InputError(
                 f"{name}: holds {len(found)} plugins; leave the options out, or keep one plugin in a file"
@@ -188,7 +196,9 @@ def subjects(
 
     (plugin,) = found
     chosen = (
-        f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
+        f"metrics=[{plugin.name}]"
+        if plugin.kind == "metric"
+        else f"{plugin.kind}={plugin.name}"
     )
     job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0]}
@@ -281,7 +291,9 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
         for level, text in one.findings
         if level == "breach"
     ]
-    return found + [f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped]
+    return found + [
+        f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped
+    ]
 
 
 def raised(subject: Subject, fault: BaseException) -> str:
@@ -290,7 +302,9 @@ def raised(subject: Subject, fault: BaseException) -> str:
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said
     frames = [
-        frame for frame in traceback.extract_tb(fault.__traceback__) if subject.owns(frame.filename)
+        frame
+        for frame in traceback.extract_tb(fault.__traceback__)
+        if subject.owns(frame.filename)
     ]
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     if "read-only" in said:

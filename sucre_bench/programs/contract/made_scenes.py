@@ -13,7 +13,9 @@ from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import HAS, Arrays, Chart, Scene, View, Water
 
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
-WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
+WATER = Water(
+    np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13])
+)
 _IN_WATER = Degradation(add_water=WATER)
 
 NOISE = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
@@ -74,7 +76,8 @@ def enlarged(scene: Scene, factor: int) -> Scene:
     for view in scene:
         loaded = [view.pixels.load(plane) for plane in ("rgb", "depth", "reference")]
         rgb, *others = (
-            None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1) for p in loaded
+            None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1)
+            for p in loaded
         )
         assert rgb is not None
         camera = view.camera and scaled_camera(
@@ -95,14 +98,17 @@ def charted() -> Scene:
     image = 0.2 + 0.6 * np.random.default_rng(0).random((96, 128, 3), dtype=np.float32)
     charts = (
         Chart("left", "dgk", np.array([[4.0, 4], [64, 4], [64, 44], [4, 44]])),
-        Chart("right", "colorchecker24", np.array([[66.0, 50], [126, 50], [126, 90], [66, 90]])),
+        Chart(
+            "right", "colorchecker24", np.array([[66.0, 50], [126, 50], [126, 90], [66, 90]])
+        ),
     )
     for chart in charts:
         corner = chart.corners[0]
         size = chart.corners[2] - chart.corners[0]
         for patch in chart_kind(chart.kind).patches:
             (x0, y0), (x1, y1) = (
-                np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:])
+                np.round(corner + size * at).astype(int)
+                for at in (patch.box[:2], patch.box[2:])
             )
             image[y0:y1, x0:x1] = patch.srgb
     return degraded_whole(wall(image, charts=charts), _IN_WATER)
@@ -119,6 +125,13 @@ def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
         pose = view.cam_from_world if "poses" in needs else None
         charts = view.charts if "charts" in needs else ()
         views.append(
-            View(view.name, Arrays(view.rgb, depth, reference), camera, pose, charts, view.encoding)
+            View(
+                view.name,
+                Arrays(view.rgb, depth, reference),
+                camera,
+                pose,
+                charts,
+                view.encoding,
+            )
         )
     return Scene("least", views, needs & HAS, scene.water if "truth" in needs else None)

@@ -142,10 +142,14 @@ def names_what_is_missing(subject: Subject) -> Lines:
             Path(empty, "not-there"): "a folder that is not there",
             Path(empty): "an empty one",
         }
-        for option, (place, what) in ((option, item) for option in asked for item in whats.items()):
+        for option, (place, what) in (
+            (option, item) for option in asked for item in whats.items()
+        ):
             remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
             try:
-                _opened(Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)}))
+                _opened(
+                    Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)})
+                )
             except InputError as fault:
                 said = one_line(fault)
                 if str(place) not in said or "; " not in said or "\n" in str(fault):

@@ -38,7 +38,13 @@ def rules(plugin: Plugin) -> list[Rule]:
     of_colours = [restores_a_view, colours_what_is_valid, leaves_holes]
     if "depth" in plugin.needs:
         of_colours.append(skips_what_has_no_depth)
-    return [*of_colours, runs_with_least, keeps_its_eyes_off, is_deterministic, restores_a_scene]
+    return [
+        *of_colours,
+        runs_with_least,
+        keeps_its_eyes_off,
+        is_deterministic,
+        restores_a_scene,
+    ]
 
 
 _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
@@ -51,7 +57,9 @@ def _restore(subject: Subject, scene: Scene) -> Restoration:
     result = python_api.restore(subject.make(), scene, scene[TARGET])
     if subject.factor == 1:
         return result
-    confidence = None if result.confidence is None else np.asarray(result.confidence)[every, every]
+    confidence = (
+        None if result.confidence is None else np.asarray(result.confidence)[every, every]
+    )
     return replace(result, image=result.image[every, every], confidence=confidence, filled=None)
 
 
@@ -227,7 +235,9 @@ def restores_a_scene(subject: Subject) -> Lines:
     seconds = result.info["seconds"]
     megapixels = view.rgb.shape[0] * view.rgb.shape[1] / 1e6
     said = f"{seconds:.2g} s, {result.info['peak_mb']:.0f} MB"
-    yield Note(f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}")
+    yield Note(
+        f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}"
+    )
     if seconds > _LASTING:
         remedy = "work on fewer pixels, or say so in its docstring"
         yield Doubt(f"{seconds:.0f} s for {megapixels:.1f} megapixels; {remedy}")

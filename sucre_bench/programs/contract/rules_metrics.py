@@ -62,7 +62,9 @@ def _rows(
     return pair_rows(scene, [entrant])[0]
 
 
-def _rows_of(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
+def _rows_of(
+    subject: Subject, image: Array, view: View, water: Water | None = WATER
+) -> list[Row]:
     """The scores of an image (H, W, 3) by every variant, as the engine stores them."""
     restoration = Restoration(
         image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {}
@@ -196,10 +198,13 @@ def gives_the_same_twice(subject: Subject) -> Lines:
         # of a read-only picture metrics may remember what they compute, see `arrays.once`
         kept = locked(shown)
         attempts = [
-            functools.partial(metric.score, restoration, one, view) for one in (shown, kept, kept)
+            functools.partial(metric.score, restoration, one, view)
+            for one in (shown, kept, kept)
         ]
     for variant in subject.plugin.variants:
         with suppress(NotApplicableError):  # other variants may apply
-            first, *others = ([repr(score) for score in attempt(variant)] for attempt in attempts)
+            first, *others = (
+                [repr(score) for score in attempt(variant)] for attempt in attempts
+            )
             if any(other != first for other in others):
                 yield f"{variant}: another score the second time; seed what is random"

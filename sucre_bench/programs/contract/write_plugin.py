@@ -57,7 +57,13 @@ def write_new(
     if cls in {*dir(builtins), *sucre_bench.__all__, *_IMPORTED}:
         # the file and its test use these names
         cls += kind.capitalize()
-    about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}
+    about: dict[str, Any] = {
+        "kind": kind,
+        "name": name,
+        "cls": cls,
+        "depth": depth,
+        "module": name,
+    }
     # of my_method_2 the class would be called my_method2
     about["is_named"] = plugins.snake_case(cls) != name
     place = "folder"

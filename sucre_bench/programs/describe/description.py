@@ -111,10 +111,13 @@ class Described:
         pairs, captions = [], []
         for look in (self.looks[k] for k in evenly(len(self.looks), _MOST)):
             shape = next(
-                (plane.shape for plane in (look.picture, look.depth) if plane is not None), (3, 4)
+                (plane.shape for plane in (look.picture, look.depth) if plane is not None),
+                (3, 4),
             )
             size = (_WIDE, max(1, round(_WIDE * shape[0] / shape[1])))
-            depth = None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
+            depth = (
+                None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
+            )
             picture = _tile(look.picture, size, "cannot be read", Image.Resampling.BOX)
             if look.picture is not None:
                 for corners in look.charts * (_WIDE / look.picture.shape[1]):
@@ -169,7 +172,9 @@ def described(selection: Selection, most: int) -> Described:
         scale = None
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
-    looks = [look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")]
+    looks = [
+        look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")
+    ]
     between = overlaps(placed(looks))
     values = _distances(looks)
     edges = []

@@ -193,7 +193,8 @@ def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts,
             x, y, w = image_from_chart(chart.corners) @ [0.5, 0.5, 1]
             if distance is not None:
                 u, v = (
-                    int(np.clip(p / w, 0, n - 1)) for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0]))
+                    int(np.clip(p / w, 0, n - 1))
+                    for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0]))
                 )
                 metres = float(distance[v, u]) or None
         except InputError as wrong:
@@ -262,7 +263,11 @@ def some_points(view: View, most: int) -> tuple[Indices, Indices, Array]:
     v, u = np.nonzero(view.depth > 0)
     step = max(1, len(u) // most)
     v, u = v[::step], u[::step]
-    return v, u, unproject(view.placed[0], u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+    return (
+        v,
+        u,
+        unproject(view.placed[0], u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T,
+    )
 
 
 def seen_from(other: View, view: View, points: Array) -> tuple[Array, Array, Array, Array]:
@@ -314,7 +319,9 @@ class Spread:
 
 def usable(views: Sequence[View]) -> list[View]:
     """Return up to 12 views, evenly chosen, and the next of each, that have camera, pose and readable depth."""
-    chosen = sorted({k for n in evenly(len(views), _VIEWS) for k in (n, n + 1) if k < len(views)})
+    chosen = sorted(
+        {k for n in evenly(len(views), _VIEWS) for k in (n, n + 1) if k < len(views)}
+    )
     found = []
     for view in (views[k] for k in chosen):
         with suppress(InputError):  # the run says what is wrong with it

@@ -121,11 +121,15 @@ def _files(facts: Sequence[ViewFacts]) -> list[Fault]:
     lost = tuple(view.name for view in facts if view.position is None)
     bare = tuple(view.name for view in facts if not view.has_depth and not view.depth_fault)
     if len(lost) == len(bare) == len(facts):
-        remedy = f"{_PREPARE} both of photographs that overlap; methods of one image need neither"
+        remedy = (
+            f"{_PREPARE} both of photographs that overlap; methods of one image need neither"
+        )
         return [
             *faults,
             Fault(
-                "no pose and no depth", "the views have no camera positions and no depth", remedy
+                "no pose and no depth",
+                "the views have no camera positions and no depth",
+                remedy,
             ),
         ]
     if lost:
@@ -161,15 +165,21 @@ def _geometry(views: Sequence[View], between: Sequence[Overlap]) -> list[Fault]:
     elif typical > _DISAGREES:
         differs = f"depth differs by {typical:.1%} (median) where views overlap"
         remedy = "check that depth maps and poses are of one reconstruction, and their scale"
-        seen = ("depth differs", differs) if known else (_NOTHING, "views see nothing in common")
+        seen = (
+            ("depth differs", differs) if known else (_NOTHING, "views see nothing in common")
+        )
         faults.append(Fault(*seen, remedy))
     worse = [o for o in known if (o.disagreement or 0) > max(_DISAGREES, 3 * typical)]
     if worse:
         names = tuple(o.view for o in worse)
         remedy = "check their depth maps and poses"
-        faults.append(Fault("view disagrees", "depth disagrees with other views'", remedy, names))
+        faults.append(
+            Fault("view disagrees", "depth disagrees with other views'", remedy, names)
+        )
     # A view whose points project into others at other depths lacks no views in between.
-    alone = tuple(o.view for o in lonely if o not in (worse if typical <= _DISAGREES else known))
+    alone = tuple(
+        o.view for o in lonely if o not in (worse if typical <= _DISAGREES else known)
+    )
     if alone and mistake is None:
         remedy = "add views between; SUCRe has single observations there"
         faults.append(
@@ -289,7 +299,9 @@ def _agreeing(
 ) -> float:
     """The share of points that project to a place of the same depth in another view, all depth maps times a factor."""
     # a few are enough
-    points = {k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}
+    points = {
+        k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}
+    }
     agreeing = [np.empty(0, bool)]
     for k, j in pairs:
         _, _, z, d = seen_from(views[j], views[k], points[k])
@@ -325,8 +337,18 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
             for k, colour in enumerate(CHANNELS)
         ),
         ("dark", "very dark", "if they are linear, say so with dataset.encoding=linear", dark),
-        ("saturated", f"up to {share:.0%} of pixels saturated", "mask them, or expose less", burnt),
-        ("little depth", lacking, f"{denser}add method.fill=true, or take more photographs", holes),
+        (
+            "saturated",
+            f"up to {share:.0%} of pixels saturated",
+            "mask them, or expose less",
+            burnt,
+        ),
+        (
+            "little depth",
+            lacking,
+            f"{denser}add method.fill=true, or take more photographs",
+            holes,
+        ),
     ]
     return [
         Fault(kind, what, remedy, tuple(v.name for v in views))
@@ -339,13 +361,17 @@ def _twins(looks: Sequence[Look]) -> list[Fault]:
     """Faults for equal pictures (compared at 16 x 16 pixels), equal depth maps, and views with both."""
     import cv2
 
-    tiny: list[tuple[Array, list[str]]] = []  # a picture, and the names of the views that have it
+    tiny: list[
+        tuple[Array, list[str]]
+    ] = []  # a picture, and the names of the views that have it
     maps = defaultdict(list)
     for look in looks:
         name = look.facts.name
         if look.picture is not None and look.picture.std() > 255 * _FLAT:
             small: Array = np.asarray(
-                cv2.resize(look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA)
+                cv2.resize(
+                    look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA
+                )
             )
             same = (names for other, names in tiny if np.abs(other - small).mean() < _SAME)
             if group := next(same, None):

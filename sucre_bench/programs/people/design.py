@@ -37,7 +37,9 @@ _FORMAT, _VERSION = "sucre_bench people's study", 1
 _CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
 _FILLED = 0.9  # of a cell without a hole: the rest are specks
 _LEAST_OF_ALL, _LEAST_OF_VIEW = 0.25, 0.1  # of the views that a study shows, and of each one
-_QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
+_QUALITY = (
+    95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
+)
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,9 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[
     """
     rows = restorations(results.read(folder))
     rows = rows[
-        (rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)
+        (rows["dataset"] == key.dataset)
+        & rows["method"].isin(key.methods)
+        & (rows["coverage"] < 1)
     ]
     places = {(one.scene, one.view) for one in key.pictures.values()}
     masks: dict[ViewKey, dict[str, Mask | None]] = {}
@@ -145,7 +149,9 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[
     while True:
         with_holes = {where: {m: of[m] for m in left if m in of} for where, of in masks.items()}
         parts = {where: _part(common_pixels(of).mask) for where, of in with_holes.items() if of}
-        share = float(np.mean([parts[where].share if where in parts else 1.0 for where in places]))
+        share = float(
+            np.mean([parts[where].share if where in parts else 1.0 for where in places])
+        )
         if share >= _LEAST_OF_ALL or len(left) == 2:
             break
         filled = {
@@ -171,7 +177,9 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[
         for n, one in key.pictures.items()
         if one.method in left and (one.scene, one.view) not in gone
     }
-    kept = {where: part for where, part in parts.items() if where not in gone and part.share < 1}
+    kept = {
+        where: part for where, part in parts.items() if where not in gone and part.share < 1
+    }
     return replace(key, methods=tuple(left), pictures=pictures), kept, said
 
 

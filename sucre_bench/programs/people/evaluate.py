@@ -91,7 +91,9 @@ def _votes(
             raise ValueError("another format")
     if not isinstance(study, str) or study not in keys:
         raise InputError(
-            f"is of another study, '{str(study)[:20]}'", path, "give it with the results it is of"
+            f"is of another study, '{str(study)[:20]}'",
+            path,
+            "give it with the results it is of",
         )
     key = keys[study]
     for one in given:
@@ -104,7 +106,10 @@ def _votes(
             continue
         if not isinstance(n, int):
             reasons["are damaged"] += 1
-        elif (left.scene, left.view) != (right.scene, right.view) or left.method == right.method:
+        elif (left.scene, left.view) != (
+            right.scene,
+            right.view,
+        ) or left.method == right.method:
             reasons["compare pictures that the study does not compare"] += 1
         else:
             yield n, Vote(study, observer, left, right, won)

@@ -139,7 +139,9 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     normal = float(stdtrit(math.inf, (1 + _LEVEL) / 2))
     variances = np.diag(model)
     of_model = normal * np.sqrt(np.maximum(variances + variances[:, None] - 2 * model, 0))
-    half = np.maximum(widening * (resampled[:, :, None] - resampled[:, None]).std(axis=0), of_model)
+    half = np.maximum(
+        widening * (resampled[:, :, None] - resampled[:, None]).std(axis=0), of_model
+    )
     alone = np.maximum(widening * resampled.std(axis=0), normal * np.sqrt(variances))
     return Preferences(scores, scores - alone, scores + alone, resampled, half, want)
 
@@ -240,7 +242,11 @@ def metric_agreement(
     hit = np.where(gap == 0, 0.5, (gap > 0) == (decided.won == 1))[np.isfinite(gap)]
     predicted = float(hit.mean()) if len(hit) else np.nan
     return MetricAgreement(
-        kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, len(hit)
+        kendall_tau(known.mean(axis=0), people.scores),
+        float(low),
+        float(high),
+        predicted,
+        len(hit),
     )
 
 
@@ -248,4 +254,6 @@ def kendall_tau(one: Array, other: Array) -> float:
     """Return Kendall's tau-b of two scores (M,); NaN if one of them does not tell methods apart."""
     from scipy.stats import kendalltau
 
-    return float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else math.nan
+    return (
+        float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else math.nan
+    )

@@ -57,7 +57,9 @@ class Options:
             raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
         if self.mesh and not self.model:
             fault = "is in the frame of a model, and a new model of the photos has another one"
-            raise InputError(fault, "--mesh", "add --model with the model that it was made with")
+            raise InputError(
+                fault, "--mesh", "add --model with the model that it was made with"
+            )
         for option, path in (
             ("--model", self.model),
             ("--mesh", self.mesh),

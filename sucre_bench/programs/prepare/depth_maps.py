@@ -96,7 +96,9 @@ def swept(
 
     @functools.lru_cache(64)
     def agreed(i: int) -> Array:
-        return agreeing(small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k]))
+        return agreeing(
+            small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k])
+        )
 
     def sweep_one(i: int) -> None:
         file = folder / f"{i:06d}.npy"
@@ -132,9 +134,9 @@ def swept(
         # At edges and thin things, which the surface smooths, what several photos measured is better.
         own = (measured > 0) & ~(np.abs(on_surface - measured) < _EDGE * measured)
         both = np.where(own, measured, on_surface)
-        origin = np.where(measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)) * (
-            both > 0
-        )
+        origin = np.where(
+            measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)
+        ) * (both > 0)
         return DepthMap(_enlarged(both, sizes[i]), nearest(origin.astype(np.uint8), sizes[i]))
 
     return depth
@@ -189,16 +191,20 @@ def relief(shots: Sequence[Shot]) -> Surface:
     points = np.concatenate([shot.points for shot in shots])[first]
     points = points[np.concatenate([shot.tracks for shot in shots])[first] >= _LEAST_TRACK]
     if len(points) < _FEWEST_OF_RELIEF:
-        fault = f"three photos or more agree on only {len(points)} points, too few for a surface"
-        raise InputError(fault, "photos", "give --surface dense, or take photos that overlap more")
+        fault = (
+            f"three photos or more agree on only {len(points)} points, too few for a surface"
+        )
+        raise InputError(
+            fault, "photos", "give --surface dense, or take photos that overlap more"
+        )
     centred = points - np.median(points, axis=0)
     # rows: two directions along the main plane, and its normal
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     for _ in range(10):  # again, without points far off the plane
         height = np.abs(centred @ axes[2])
-        axes = np.linalg.svd(centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False)[
-            2
-        ]
+        axes = np.linalg.svd(
+            centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False
+        )[2]
     in_plane = centred @ axes.T  # (P, 3), the last is height
     _, near = cKDTree(in_plane[:, :2]).query(in_plane[:, :2], k=min(_NEAREST, len(points)))
     off = np.abs(in_plane[:, 2] - np.median(in_plane[near, 2], axis=1))
@@ -206,7 +212,8 @@ def relief(shots: Sequence[Shot]) -> Surface:
     points, in_plane = points[fine], in_plane[fine]
     triangles = Delaunay(in_plane[:, :2]).simplices
     edges = np.linalg.norm(
-        in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1), axis=2
+        in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1),
+        axis=2,
     )
     triangles = triangles[edges.max(axis=1) <= _LONG * np.median(edges)]
     return Surface(points, triangles, np.zeros(len(points)))

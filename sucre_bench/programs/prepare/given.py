@@ -29,7 +29,13 @@ from sucre_bench.loading.find_folders import ImageFolder
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare import Options
-from sucre_bench.programs.prepare.depth_maps import GIVEN, DepthMap, DepthMaps, nearest, of_surface
+from sucre_bench.programs.prepare.depth_maps import (
+    GIVEN,
+    DepthMap,
+    DepthMaps,
+    nearest,
+    of_surface,
+)
 from sucre_bench.programs.prepare.mapping import Mapped, adopted, map_photos
 from sucre_bench.programs.prepare.photos import Photo
 from sucre_bench.programs.prepare.plane_sweep import least_absolute
@@ -44,7 +50,10 @@ _UNITS = {
     0.3048: "feet",
     1000.0: "kilometres",
 }
-_NEAR, _SAME = 0.05, 1e-3  # relative: a mesh is at a point, for most points; two units fit it alike
+_NEAR, _SAME = (
+    0.05,
+    1e-3,
+)  # relative: a mesh is at a point, for most points; two units fit it alike
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
 _WORST = 0.05  # median relative difference of a fitted map from the sparse points
@@ -67,9 +76,13 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     mesh = read_mesh(path)
     turns = [np.eye(3)]
     if path.suffix.lower() == ".glb":
-        ups = np.array([0.0, 0, 1]), -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0)
+        ups = (
+            np.array([0.0, 0, 1]),
+            -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0),
+        )
         turns += [
-            Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups
+            Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix()
+            for up in ups
         ]
     checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
     cast = mesh.caster()
@@ -81,7 +94,9 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
             pose, (xy, z) = shot.cam_from_world.copy(), shot.seen_points()
             # from the mesh's frame
             pose[:3] = np.column_stack([pose[:3, :3] @ turn.T, pose[:3, 3] / unit])
-            found.append(np.abs(cast(replace(shot, cam_from_world=pose), xy)[0][0] * unit / z - 1))
+            found.append(
+                np.abs(cast(replace(shot, cam_from_world=pose), xy)[0][0] * unit / z - 1)
+            )
         return np.concatenate(found)
 
     choices = list(itertools.product(turns, _UNITS))
@@ -90,14 +105,20 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
         share = np.mean(off(*choices[0]) < _NEAR)
         fault = f"is in another frame than the model: {100 * share:.0f} % of the sparse points lie on it"
         raise InputError(
-            fault, path, "export it from the program that made the model, in the same coordinates"
+            fault,
+            path,
+            "export it from the program that made the model, in the same coordinates",
         )
     # A seabed through the origin fits in many units, one of them better than all.
     turn, unit = next(
-        choice for choice, median in zip(choices, offs, strict=True) if median <= min(offs) + _SAME
+        choice
+        for choice, median in zip(choices, offs, strict=True)
+        if median <= min(offs) + _SAME
     )
     if _UNITS[unit]:
-        say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
+        say(
+            f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}"
+        )
     return of_surface(replace(mesh, vertices=mesh.vertices @ turn * unit), GIVEN)
 
 
@@ -132,7 +153,9 @@ class _Form(NamedTuple):
             return np.where(line > 0, 1 / line if self.inverse else line, 0).astype(np.float32)
 
 
-_FORMS = tuple(_Form(inverse, shifted) for shifted in (False, True) for inverse in (False, True))
+_FORMS = tuple(
+    _Form(inverse, shifted) for shifted in (False, True) for inverse in (False, True)
+)
 
 
 def network_maps(
@@ -169,7 +192,9 @@ def network_maps(
             known = at > 0
             if known.sum() < _FEWEST_POINTS:
                 raise InputError(
-                    f"{known.sum()} sparse points have a value", found[name], "it cannot be fitted"
+                    f"{known.sum()} sparse points have a value",
+                    found[name],
+                    "it cannot be fitted",
                 )
             seen[shot.name] = read, at[known], z[known]
         except InputError as fault:
@@ -178,8 +203,12 @@ def network_maps(
         raise InputError(
             "no depth map can be used", folder, f"first fault: {next(iter(faults.values()))}"
         )
-    errors = {form: [form.error(values, z) for _, values, z in seen.values()] for form in _FORMS}
-    form = min(_FORMS, key=lambda form: np.median(errors[form]) * (_SIMPLER if form.shifted else 1))
+    errors = {
+        form: [form.error(values, z) for _, values, z in seen.values()] for form in _FORMS
+    }
+    form = min(
+        _FORMS, key=lambda form: np.median(errors[form]) * (_SIMPLER if form.shifted else 1)
+    )
     fitted: dict[str, Array] = {}
     for (name, (_, values, z)), error in zip(seen.items(), errors[form], strict=True):
         constant = float(np.median(np.abs(np.median(z) / z - 1)))
@@ -241,7 +270,9 @@ def given_model(
     Raises InputError if it cannot be read, or if none of its images is among the photos.
     """
     places = (model / "0", model / "sparse", model / "sparse" / "0")
-    sparse = next((place for place in (model, *places) if any(place.glob("images.[bt]*"))), None)
+    sparse = next(
+        (place for place in (model, *places) if any(place.glob("images.[bt]*"))), None
+    )
     posed = (
         read_model(sparse, folder, distorted=True, keep_names=True)
         if sparse
@@ -259,9 +290,7 @@ def given_model(
         if same_shape(photo.size, size):
             found[one.name] = one, photo
         else:
-            fault = (
-                f"is {photo.size[0]}x{photo.size[1]}, its camera in the model {size[0]}x{size[1]}"
-            )
+            fault = f"is {photo.size[0]}x{photo.size[1]}, its camera in the model {size[0]}x{size[1]}"
             faults[photo.name] = f"{fault}; give the photo that the model was made of"
     if not found:
         why = next(iter(faults.values()), "").partition(";")[0] or f"not even {posed[0].name}"
@@ -269,7 +298,10 @@ def given_model(
         raise InputError(fault, model, "give the folder of the photos that it was made of")
     if sparse and (
         kept := adopted(
-            sparse, {name: photo for name, (_, photo) in found.items()}, work, _FEWEST_ON_AVERAGE
+            sparse,
+            {name: photo for name, (_, photo) in found.items()},
+            work,
+            _FEWEST_ON_AVERAGE,
         )
     ):
         return replace(kept, damaged=faults)
@@ -277,13 +309,17 @@ def given_model(
     for one, photo in found.values():
         lens = one.lens or Lens(one.camera)
         if type(lens) is not Lens:
-            fault = f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
+            fault = (
+                f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
+            )
             raise InputError(
                 fault,
                 model,
                 "undistort the photos in that program, and give these with their model",
             )
-        given[photo.key] = replace(one, camera=scaled_camera(lens.camera, photo.size), lens=lens)
+        given[photo.key] = replace(
+            one, camera=scaled_camera(lens.camera, photo.size), lens=lens
+        )
     options = replace(options, cameras="image")  # each photo has the camera of the model
     mapped = map_photos([photo for _, photo in found.values()], work, options, given)
     return replace(mapped, attempt="given", damaged=mapped.damaged | faults)
@@ -307,7 +343,9 @@ def _posed(model: Path, folder: Path) -> list[Posed]:
             kind = recognised(model)
     if kind not in ("nerfstudio", "metashape"):
         remedy = "give the folder of cameras.bin and images.bin, cameras.xml or transforms.json"
-        raise InputError("holds no model of COLMAP, hloc, Metashape or nerfstudio", model, remedy)
+        raise InputError(
+            "holds no model of COLMAP, hloc, Metashape or nerfstudio", model, remedy
+        )
     if kind == "metashape":
         named["images"] = str(folder.resolve())
     views = max(load_scenes(kind, root=root, **named), key=len)

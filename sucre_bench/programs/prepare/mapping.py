@@ -36,16 +36,19 @@ _SEQUENTIAL = (
     *(2**power for power in range(4, 20)),
 )
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
-_GUIDED_PAIRS = (
-    10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
-)
+_GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 # COLMAP ends the process where it cannot write or allocate.
-_REMEDY = "see that the disk has room and the memory suffices (--max-size), and repeat the command"
+_REMEDY = (
+    "see that the disk has room and the memory suffices (--max-size), and repeat the command"
+)
 # A logo has matches that move less than so many pixels, in the same cells for so large a share of pairs, and in few of
 # the 20 x 20 cells of an image. Pairs count if most other matches move farther than 0.05 widths: what is straight
 # ahead of a slow camera stands still, too.
 _STILL_PX, _FAR, _CELLS, _OFTEN, _LARGEST, _PAIRS_LOOKED_AT = 1.0, 0.05, 20, 0.5, 0.1, 200
-_FEWEST_MATCHES, _FEWEST_PAIRS = 15, 3  # of a pair that is looked at; with such matches in a cell
+_FEWEST_MATCHES, _FEWEST_PAIRS = (
+    15,
+    3,
+)  # of a pair that is looked at; with such matches in a cell
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 
@@ -114,7 +117,8 @@ def map_photos(
                     f"{len(best.registered)} of {readable} photos are placed; trying again for faint features"
                 )
             processes.call(
-                partial(_attempt, photos, folder / attempt.name, options, attempt, given), _REMEDY
+                partial(_attempt, photos, folder / attempt.name, options, attempt, given),
+                _REMEDY,
             )
             mapped = _stored(folder / attempt.name)
             assert mapped is not None
@@ -177,7 +181,13 @@ def _attempt(
             names = _written(models[0], {photo.key: photo for photo in photos}, model)
         matches = _best_matches(database, photos, names)
     mapped = Mapped(
-        model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models], has_logo
+        model,
+        names,
+        attempt.name,
+        matches,
+        damaged,
+        [m.num_reg_images() for m in models],
+        has_logo,
     )
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
     shutil.rmtree(folder / "gray", ignore_errors=True)
@@ -229,7 +239,13 @@ def _find_features(
             for batch in _batches([photo.key for photo in group], usable_cores()):
                 # except those that have features
                 pycolmap.extract_features(
-                    database, folder / "gray", batch, mode, reader, extraction, pycolmap.Device.cpu
+                    database,
+                    folder / "gray",
+                    batch,
+                    mode,
+                    reader,
+                    extraction,
+                    pycolmap.Device.cpu,
                 )
                 for _ in batch:
                     step()
@@ -264,7 +280,10 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
         ]
     else:
         pairs = list(itertools.combinations(names, 2))
-    matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
+    matching, verification = (
+        pycolmap.FeatureMatchingOptions(),
+        pycolmap.TwoViewGeometryOptions(),
+    )
     matching.use_gpu = False
     matching.guided_matching = attempt.guided and len(pairs) <= _GUIDED_PAIRS
     matching.num_threads = 1  # with more, one run in a hundred found other matches
@@ -274,7 +293,9 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     for batch in track(_batches(pairs, PAIRS_A_STEP), "matching"):
         # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
-        pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
+        pycolmap.match_image_pairs(
+            database, matching, listed, verification, pycolmap.Device.cpu
+        )
     with pycolmap.Database.open(database) as opened:
         has_logo = _has_logo(opened, pairs)
         if has_logo:
@@ -367,7 +388,9 @@ def _with_cameras(database: Path, given: Mapping[str, Posed]) -> Any:
             )
             params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *terms, *[0.0] * (count - len(terms))]
             size = {"width": one.camera.width, "height": one.camera.height}
-            camera = pycolmap.Camera(camera_id=found.camera_id, model=name, params=params, **size)
+            camera = pycolmap.Camera(
+                camera_id=found.camera_id, model=name, params=params, **size
+            )
             camera.rescale(found.width, found.height)
             opened.update_camera(camera)
             model.add_camera_with_trivial_rig(camera)
@@ -406,7 +429,10 @@ def _written(model: Any, photos: dict[str, Photo], folder: Path) -> list[str]:
         camera = model.camera(image.camera_id)
         photo = photos[image.name]
         if image.camera_id not in factors:
-            factors[image.camera_id] = (photo.size[0] / camera.width, photo.size[1] / camera.height)
+            factors[image.camera_id] = (
+                photo.size[0] / camera.width,
+                photo.size[1] / camera.height,
+            )
             camera.rescale(*photo.size)
         for point in image.points2D:
             point.xy = point.xy * factors[image.camera_id]

@@ -69,14 +69,20 @@ def find_photos(
             else pure.with_suffix(".png").as_posix()
         )
         mask = None if masks is None else _find_mask(masks, pure, size)
-        stamps = [(p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None]
+        stamps = [
+            (p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None
+        ]
         used = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
         photos.append(
-            Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps))
+            Photo(
+                name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps)
+            )
         )
     if len(photos) < 2:  # then decode every file: a valid header may have no picture
         raise too_few(
-            folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p.path))}
+            folder,
+            len(names),
+            damaged | {p.name: why for p in photos if (why := _damage(p.path))},
         )
     return photos, damaged
 

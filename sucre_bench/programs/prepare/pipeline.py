@@ -77,7 +77,9 @@ def prepare(
     """
     try:
         return _prepare(folder, out, options or Options(), known or {}, again)
-    except Exception as fault:  # what any library raises, or how COLMAP dies, when the disk is full
+    except (
+        Exception
+    ) as fault:  # what any library raises, or how COLMAP dies, when the disk is full
         is_own = isinstance(fault, SucreBenchError) and not isinstance(fault, PluginError)
         if not is_own and out.exists() and shutil.disk_usage(out).free < 1 << 20:
             raise not_writable(out, OSError(errno.ENOSPC, "")) from fault
@@ -150,7 +152,9 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
     are_there = all((images / name).is_file() for name in mapped.registered)
     if not (straight.done.is_file() and are_there):
-        undistort({photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole)
+        undistort(
+            {photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole
+        )
         straight.done.touch()
 
     longest = _longest_swept(options, len(mapped.registered))
@@ -216,7 +220,11 @@ def _depth_maps(
             lenses,
         )
     if longest:
-        return "plane sweeps of all photos, fused", swept(shots, images, masks, folder, longest), {}
+        return (
+            "plane sweeps of all photos, fused",
+            swept(shots, images, masks, folder, longest),
+            {},
+        )
     say(f"{len(shots)} photos: surface through the sparse points")
     return "relief of the sparse points", of_surface(relief(shots), INTERPOLATED), {}
 
@@ -225,7 +233,9 @@ def _stamps(path: Path | None) -> list[object]:
     """What identifies the version of a file, or of the files of a folder."""
     if path is None:
         return []
-    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    files = (
+        [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    )
     return [
         path.resolve(),
         *((file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files),
@@ -299,14 +309,10 @@ def _warnings(mapped: Mapped, unplaced: int, faults: Mapping[str, str]) -> tuple
             if mapped.groups[1:]
             else ""
         )
-        apart = (
-            f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
-        )
+        apart = f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
         remedy = "prepare another place from a folder of its own, add photos between, or hold a known --focal"
         warnings.insert(0, f"{apart}; {remedy}")
     if mapped.has_logo:
-        wrong = (
-            "something stands at one place of all photos, as a logo does, and its depth is wrong"
-        )
+        wrong = "something stands at one place of all photos, as a logo does, and its depth is wrong"
         warnings.insert(0, f"{wrong}; mask it with `sucre-bench prepare --masks`")
     return tuple(warnings)

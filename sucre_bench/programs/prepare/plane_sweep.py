@@ -60,7 +60,9 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
         angles = np.arccos(
             np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1)
         )
-        weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != i)
+        weight = (
+            np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != i)
+        )
         # A photo from half or twice the distance shows the same ground with other detail.
         weight *= np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
         wanted, chosen = np.full(len(first), _WANTED), list[int]()
@@ -189,7 +191,9 @@ def sweep(
                 @ half
             )
             warped = np.asarray(
-                cv2.warpPerspective(other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+                cv2.warpPerspective(
+                    other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+                )
             )
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
@@ -237,7 +241,9 @@ def _decide(k: int, two: bool, state: _Best) -> None:
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
             # The better half of the photos counts, two of four, so that a blocked view does not decide.
-            score = 0.5 * (first[y, x] + second[y, x]) if two and second[y, x] > -1 else first[y, x]
+            score = (
+                0.5 * (first[y, x] + second[y, x]) if two and second[y, x] > -1 else first[y, x]
+            )
             if k > 0 and at[y, x] == k - 1:
                 after[y, x] = score
             if score > best[y, x]:

@@ -122,7 +122,8 @@ def read_record(out: Path) -> Prepared | None:
         known = scale.pop("known")
         nan: Any = float("nan")
         qualities = tuple(
-            Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"]
+            Quality(**{k: nan if v is None else v for k, v in q.items()})
+            for q in record["images"]
         )
         keys = record["made_of"]["model"], record["made_of"]["depths"]
         damaged, unplaced, warnings = (
@@ -171,14 +172,20 @@ def write_result(
     write_model(model, aside / "sparse")
 
     made_from, maps = surface
-    near, far = np.quantile(np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98])
-    on_page = shots[:: -(-len(shots) // _MOST_SHOWN)]  # all, or evenly chosen ones of a long dive
+    near, far = np.quantile(
+        np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98]
+    )
+    on_page = shots[
+        :: -(-len(shots) // _MOST_SHOWN)
+    ]  # all, or evenly chosen ones of a long dive
     pictures = {}
     qualities = []
     for shot in track(shots, "depth maps"):
         depth, origin = maps(shot)
         if write_depth(aside / "depths", shot.name, depth * np.float32(factor)):
-            write_png(aside / "depth_origin" / PurePosixPath(shot.name).with_suffix(".png"), origin)
+            write_png(
+                aside / "depth_origin" / PurePosixPath(shot.name).with_suffix(".png"), origin
+            )
         qualities.append(quality_of(shot, DepthMap(depth, origin), factor))
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
@@ -216,9 +223,7 @@ def _facts(
     covered, measured, between = 100 * np.mean(
         [(q.coverage, q.measured, q.interpolated) for q in made.qualities], axis=0
     )
-    parts = (
-        f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
-    )
+    parts = f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
     return {
         "photos placed": f"{len(made.qualities)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
@@ -248,10 +253,13 @@ def _cameras(model: Any) -> dict[str, dict[str, Any]]:
 def _focal(cameras: Mapping[str, Any], options: Mapping[str, Any]) -> str:
     """The cameras' focal lengths, for people."""
     found = [
-        camera["params"][0] / max(camera["width"], camera["height"]) for camera in cameras.values()
+        camera["params"][0] / max(camera["width"], camera["height"])
+        for camera in cameras.values()
     ]
     widths = " to ".join(sorted({f"{width:.2f}" for width in (min(found), max(found))}))
-    return f"{widths} widths (longer sides) of a photo{', held' if options.get('focal') else ''}"
+    return (
+        f"{widths} widths (longer sides) of a photo{', held' if options.get('focal') else ''}"
+    )
 
 
 def _write_record(
@@ -313,5 +321,6 @@ def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[
         cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures
     ]
     return [
-        f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded
+        f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}"
+        for jpeg in encoded
     ]

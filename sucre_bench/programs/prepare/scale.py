@@ -19,7 +19,9 @@ from sucre_bench.machine.files import reading, regular
 from sucre_bench.programs.prepare.shots import Shot
 
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
-_LARGEST_ERROR = 0.1  # greatest relative value of two standard errors of a scale from a depth track
+_LARGEST_ERROR = (
+    0.1  # greatest relative value of two standard errors of a scale from a depth track
+)
 
 # What is known of the scale, as prepare.json holds it: one entry of those that `known_scale` makes, or none.
 Known = Mapping[str, Any]
@@ -39,7 +41,9 @@ def known_scale(
     Raises InputError if more than one is given, or if a length is not above 0.
     """
     metres = [("--scale", factor)] if factor is not None else []
-    metres += [("--distance", m) for *_, m in distances] + [("--length", m) for *_, m in lengths]
+    metres += [("--distance", m) for *_, m in distances] + [
+        ("--length", m) for *_, m in lengths
+    ]
     for option, value in metres:
         check_number(option, value, "(0, inf)")
     for pixel in (pixel for _, *ends, _ in lengths for pixel in ends):
@@ -83,7 +87,9 @@ def find_scale(
     Raises InputError if a photo is unknown or not registered, or if the input does not determine a scale.
     """
     by_name = {shot.name: shot for shot in shots}
-    placed = {photo: by_name[output] for photo, output in output_of.items() if output in by_name}
+    placed = {
+        photo: by_name[output] for photo, output in output_of.items() if output in by_name
+    }
 
     def find(photo: str, option: str) -> Shot:
         if photo in placed or photo in by_name:
@@ -108,16 +114,21 @@ def find_scale(
             return _ratio(units, [metres for *_, metres in distances], "--distance")
         case {"lengths": lengths}:
             units = [
-                _length(name, find(name, "--length"), ends, depth_of) for name, *ends, _ in lengths
+                _length(name, find(name, "--length"), ends, depth_of)
+                for name, *ends, _ in lengths
             ]
             return _ratio(units, [metres for *_, metres in lengths], "--length")
         case {"depth_track": {"file": file}}:
             return _from_track(Path(file), placed)
     if is_given:
-        return Scale(1.0, False, "the unit of the given model; if that is the metre, add --scale 1")
+        return Scale(
+            1.0, False, "the unit of the given model; if that is the metre, add --scale 1"
+        )
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
     note = f"arbitrary, median depth {_USUAL_DEPTH:g}: no metres, beta and gamma not 1/m, colours right all the same"
-    remedy = "for metres give `sucre-bench prepare` --distance, --length, --depth-track or --scale"
+    remedy = (
+        "for metres give `sucre-bench prepare` --distance, --length, --depth-track or --scale"
+    )
     return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"{note}; {remedy}")
 
 
@@ -132,7 +143,9 @@ def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scal
         if len(factors) > 1
         else ""
     )
-    return Scale(factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}")
+    return Scale(
+        factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}"
+    )
 
 
 def _length(
@@ -185,13 +198,15 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
             / factor
         )
         # Any error of v across its direction makes it longer.
-        error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
-    if 2 * error > _LARGEST_ERROR:
-        what = (
-            "the cameras move too little up, down and sideways for their depths to tell the scale"
+        error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (
+            2 * factor**2
         )
+    if 2 * error > _LARGEST_ERROR:
+        what = "the cameras move too little up, down and sideways for their depths to tell the scale"
         raise InputError(
-            f"{what} ({100 * min(error, 9.99):.0f} % standard error)", path, "know a length instead"
+            f"{what} ({100 * min(error, 9.99):.0f} % standard error)",
+            path,
+            "know a length instead",
         )
     accuracy = f"{100 * error:.1f} % standard error, rest {rest.std():.3f} m"
     note = f"from the depths of {len(depths)} photos: {factor:.4g} m per unit, {accuracy}"

@@ -142,7 +142,9 @@ class Shot:
 def read_shots(model: Path) -> list[Shot]:
     """Return the photos of an undistorted COLMAP model, ordered by name."""
     known = load_pycolmap().Reconstruction(model)
-    places = {number: (point.xyz, point.track.length()) for number, point in known.points3D.items()}
+    places = {
+        number: (point.xyz, point.track.length()) for number, point in known.points3D.items()
+    }
     shots = []
     for image in map(known.image, known.reg_image_ids()):
         camera = known.camera(image.camera_id)

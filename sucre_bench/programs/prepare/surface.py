@@ -21,7 +21,9 @@ from sucre_bench.machine.files import regular
 from sucre_bench.machine.provenance import load
 from sucre_bench.programs.prepare.shots import Shot
 
-_VOXEL_PX = 4.0  # side of a voxel, in pixels of a photo at the median depth; a voxel has one point
+_VOXEL_PX = (
+    4.0  # side of a voxel, in pixels of a photo at the median depth; a voxel has one point
+)
 _LEVELS = 5, 12  # of the octree
 _MOST_POINTS = 4_000_000  # before they are reduced to one a voxel
 # a point is an outlier if it is farther from its neighbours, in standard deviations
@@ -69,9 +71,9 @@ class Surface:
             if at is None:
                 rays = pixel_rays(shot.camera)
             else:
-                rays = unproject(shot.camera, at[:, 0], at[:, 1], np.ones(len(at), np.float32)).T[
-                    None
-                ]
+                rays = unproject(
+                    shot.camera, at[:, 0], at[:, 1], np.ones(len(at), np.float32)
+                ).T[None]
             rays = rays @ shot.cam_from_world[:3, :3].astype(np.float32)
             depth, triangle = (
                 np.zeros(rays.shape[:2], np.float32),
@@ -150,7 +152,9 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     return _carved(surface, shots, depth_of)
 
 
-def _points(shots: Sequence[Shot], depth_of: Callable[[int], Array], voxel: float, o3d: Any) -> Any:
+def _points(
+    shots: Sequence[Shot], depth_of: Callable[[int], Array], voxel: float, o3d: Any
+) -> Any:
     """The measured points of all photos with normals, one a voxel, without outliers; None if there are too few."""
     cloud = o3d.geometry.PointCloud()
     for i, shot in enumerate(shots):
@@ -183,7 +187,9 @@ def _with_normals(shot: Shot, depth: Array) -> tuple[Array, Array]:
     return moved(points[inner][smooth], np.linalg.inv(shot.cam_from_world)), normals @ turn
 
 
-def _carved(surface: Surface, shots: Sequence[Shot], depth_of: Callable[[int], Array]) -> Surface:
+def _carved(
+    surface: Surface, shots: Sequence[Shot], depth_of: Callable[[int], Array]
+) -> Surface:
     """The surface without the triangles that hide what more photos measured behind them than confirm them."""
     cast = surface.caster()
     corners = surface.triangles.T

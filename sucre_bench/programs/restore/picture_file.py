@@ -86,7 +86,9 @@ _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (
 _PROFILE_TAG, _IPTC_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 33723, 1, 8, 2
 
 # Pillow writes a tag with the type in its own tables, so these learn the types once.
-TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(_IPTC_TAG, type=TiffTags.UNDEFINED)  # of any length
+TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(
+    _IPTC_TAG, type=TiffTags.UNDEFINED
+)  # of any length
 for _directory, _tags in _UNTYPED.items():
     _known: Any = TiffTags.TAGS_V2_GROUPS[_directory]
     _known |= {tag: TiffTags.TagInfo(tag, type=TiffTags.UNDEFINED, length=1) for tag in _tags}
@@ -138,12 +140,18 @@ def _by_pillow(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> by
     more = {}
     if photograph.startswith(b"\xff\xd8"):  # of all kinds of JPEG
         kept = (
-            _without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment)
+            _without_preview(segment)
+            for segment in _segments(photograph)
+            if _is_metadata(segment)
         )
         kind = "JPEG"
         more = {"subsampling": 0, "extra": b"".join(kept)}
     made.save(
-        file, kind, quality=quality, **more, **{name: info[name] for name in names & info.keys()}
+        file,
+        kind,
+        quality=quality,
+        **more,
+        **{name: info[name] for name in names & info.keys()},
     )
     return file.getvalue()
 

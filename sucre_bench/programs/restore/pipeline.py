@@ -133,7 +133,9 @@ def source_of(folder: Path, photographs: Path | None = None) -> Source:
             raise
         name = "photos"
     if not {"poses", "depth"} & plugins.find("dataset", name).has:
-        return Source((), False, photographs=photographs_in(folder), folder=folder).of_photographs
+        return Source(
+            (), False, photographs=photographs_in(folder), folder=folder
+        ).of_photographs
     prepared = read_prepared(folder)
     if prepared and prepared.photographs.is_dir():
         photographs = photographs or prepared.photographs
@@ -182,7 +184,9 @@ def restore(source: Source, out: Path, options: Options) -> Done:
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
             if source.is_dive:
-                of_dataset = [word for word in of_dataset if word.startswith("dataset.encoding=")]
+                of_dataset = [
+                    word for word in of_dataset if word.startswith("dataset.encoding=")
+                ]
             rest = replace(rest, dataset=(*rest.dataset, *of_dataset))
             words = [f"method={options.single_view}", f"views={value_of(left)}"]
             if options.single_view == options.method:
@@ -199,11 +203,14 @@ def restore(source: Source, out: Path, options: Options) -> Done:
         assessed = assess(written, out, options.original_geometry, instead)
     if source.photographs:
         others = (
-            path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder)
+            path.relative_to(source.folder).as_posix()
+            for path in other_photographs(source.folder)
         )
         faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
     made = tuple(one.name for one in written)
-    faults |= {name: alone.faults.get(name, "") for name in names if name not in {*made, *faults}}
+    faults |= {
+        name: alone.faults.get(name, "") for name in names if name not in {*made, *faults}
+    }
     n_instead = len(instead.keys() & made)
     return Done(made, faults, n_instead, dive.has_failed, dive.restored, assessed)
 
@@ -215,7 +222,9 @@ def noted(source: Source, out: Path, options: Options, again: bool = True) -> Pa
     """
     note = out / "work" / "restore.json"
     name = str(source.folder.resolve()) if source.photographs else " ".join(source.dataset)
-    now = json.loads(json.dumps({"source": name, "options": asdict(replace(options, where=()))}))
+    now = json.loads(
+        json.dumps({"source": name, "options": asdict(replace(options, where=()))})
+    )
     before = read_json(note, "name a new folder for the pictures")
     of = before.get("source") if isinstance(before, dict) else before
     if before is not None and of != now["source"]:

@@ -143,7 +143,9 @@ def ruined(restored: Sequence[Restored]) -> dict[str, str]:
     return whys
 
 
-def _looks(restored: Sequence[Restored], seen: Callable[[Restored], Look]) -> dict[Restored, Look]:
+def _looks(
+    restored: Sequence[Restored], seen: Callable[[Restored], Look]
+) -> dict[Restored, Look]:
     """Look at the pictures of a dive."""
 
     def look(one: Restored) -> Look:

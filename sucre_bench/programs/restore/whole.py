@@ -95,7 +95,9 @@ def _with_contrast(restored: Array, known: Mask, photograph: Array) -> Array:
             for plane in (photograph[..., c], restored[..., c])
         )
         both, weight = (
-            np.asarray(cv2.GaussianBlur(in_cells(detail * other, n), (0, 0), 1), dtype=np.float32)
+            np.asarray(
+                cv2.GaussianBlur(in_cells(detail * other, n), (0, 0), 1), dtype=np.float32
+            )
             for other in (gained, detail)
         )
         gain = enlarged(_continued(both[..., None], weight)[..., 0])
@@ -136,7 +138,9 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     light = luma(np.ascontiguousarray(photograph, dtype=np.float32))
     texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), _FINE * n)) ** 2, n))
     known = in_cells(measured, n) > 0.5
-    _, patch, found, _ = cv2.connectedComponentsWithStats(known.astype(np.uint8), connectivity=4)
+    _, patch, found, _ = cv2.connectedComponentsWithStats(
+        known.astype(np.uint8), connectivity=4
+    )
     cells = found[patch, cv2.CC_STAT_AREA]
     known &= cells >= _FEWEST
     if not known.any():
@@ -156,7 +160,9 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     )
     edged = guided_filter(guide, coarse, 2 * n // step, _FLAT).clip(0, 1)
     fine = cv2.resize(edged, size, interpolation=cv2.INTER_LINEAR)
-    is_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    is_known = (
+        cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    )
     fine[measured & is_known] = 1
     change = np.subtract(picture, photograph, dtype=np.float32)
     change *= fine[..., None]

@@ -33,9 +33,7 @@ _MOST_SHOWN, _WIDE = (
     320,
 )
 _BYTES_A_PIXEL = 80  # that writing a picture takes: 1.8 GB for 24 megapixels
-_MOST_AT_ONCE = (
-    4  # pictures that are written: a container or a cluster job may allow less memory than is free
-)
+_MOST_AT_ONCE = 4  # pictures that are written: a container or a cluster job may allow less memory than is free
 _ORIENTATION = 274
 _INTERPOLATED = 3  # in a map of depth's origins: between measured points, so perhaps beyond an edge of the ground
 
@@ -64,7 +62,11 @@ class Restored:
 
 
 def write_pictures(
-    restored: Sequence[Restored], out: Path, quality: int, original_geometry: bool, since_ns: int
+    restored: Sequence[Restored],
+    out: Path,
+    quality: int,
+    original_geometry: bool,
+    since_ns: int,
 ) -> dict[str, str]:
     """Write the picture of each photograph below out/pictures, and out/contact-sheet.jpg; return why some have none.
 

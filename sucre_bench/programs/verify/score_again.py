@@ -48,7 +48,9 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
         if bundle.entries.get(_CONFIG, math.inf) <= _MOST_BYTES:
             told = read_yaml(bundle.read(_CONFIG).decode())
             jobs = [told, *told.get("jobs", [])]
-            recorded = [dict(metric) for job in jobs for metric in job.get("metrics", {}).values()]
+            recorded = [
+                dict(metric) for job in jobs for metric in job.get("metrics", {}).values()
+            ]
     except ANY_FAULT:
         recorded = []  # a stranger's file that cannot be read
 
@@ -67,21 +69,28 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
         default = {option.name: option.default for option in options_of(plugin.cls)}
         given = [{}, default, *(one for one in recorded if one.get("name") == metric)]
         for options in (
-            {name: typed(types[name], one[name]) for name in types if name in one} for one in given
+            {name: typed(types[name], one[name]) for name in types if name in one}
+            for one in given
         ):
             choice = replace(choice, options=options)
             if RowCode("", metric_code(choice)).metric_options != options_hash:
                 continue
             if any(isinstance(value, Path) for value in options.values()):
-                return f"an option of {metric} names a file"  # of this user, chosen by a stranger
+                return (
+                    f"an option of {metric} names a file"  # of this user, chosen by a stranger
+                )
             try:
                 (scorer,) = scorers([choice])
             except SucreBenchError:
                 return f"{metric} does not accept the bundle's options here"
-            return replace(scorer, metric=_Apart(scorer.metric)) if plugin.is_foreign else scorer
+            return (
+                replace(scorer, metric=_Apart(scorer.metric)) if plugin.is_foreign else scorer
+            )
         return f"the bundle does not say the options of {metric}"
 
-    return lambda metric, variant, code: made(metric, variant, RowCode.read(code).metric_options)
+    return lambda metric, variant, code: made(
+        metric, variant, RowCode.read(code).metric_options
+    )
 
 
 class _Apart:
@@ -99,7 +108,9 @@ def scores_of(
 ) -> dict[Key, Row]:
     """Return the rows of a restoration that has a restored image. Its image may be the restored image, too."""
     if view.encoding == "linear":  # metrics get the restoration in the view's encoding
-        restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
+        restoration = replace(
+            restoration, image=srgb_decode(restoration.image).astype(np.float32)
+        )
     rows = score_rows(restoration, shown, view, chosen, Row())
     return {(row.metric, row.variant, row.region): row for row in rows}
 
@@ -119,7 +130,9 @@ class Pictured:
     restoration: Restoration
     view: View
     scorers: Sequence[Scorer]
-    _corners: dict[tuple[str, str], list[dict[Key, Row]]] = field(default_factory=dict, init=False)
+    _corners: dict[tuple[str, str], list[dict[Key, Row]]] = field(
+        default_factory=dict, init=False
+    )
 
     @functools.cached_property
     def rows(self) -> dict[Key, Row]:
@@ -248,4 +261,6 @@ def _scene(row: Any, root: Path) -> tuple[Scene, str]:
 
 def _leads_out(text: str) -> bool:
     is_absolute = PurePosixPath(text).is_absolute() or PureWindowsPath(text).drive
-    return bool(is_absolute or text.startswith("~") or ".." in text.replace("\\", "/").split("/"))
+    return bool(
+        is_absolute or text.startswith("~") or ".." in text.replace("\\", "/").split("/")
+    )

@@ -119,7 +119,9 @@ def verify(
     rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
     faults = {
-        name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))
+        name: fault
+        for name in progress.track(names, "hashes")
+        if (fault := bundle.fault_of(name))
     }
     scenes, data_faults = open_data(rows, data or {})
     outcome = Outcome(
@@ -184,7 +186,9 @@ def _picture(bundle: Bundle, name: str) -> Array:
         )
     width, height = image_size(content) or (0, 0)
     if 3 * width * height > max(1 << 20, LIMITS.ratio * len(content)):
-        fault = f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
+        fault = (
+            f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
+        )
         raise InputError(fault, bundle.path, "ask who made the bundle for another")
     try:
         stored = decode_bytes(content, cv2.IMREAD_COLOR, name)
@@ -246,7 +250,9 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
 class _Check:
     """Scores restorations one after the other, and writes into an outcome what comes out."""
 
-    def __init__(self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome) -> None:
+    def __init__(
+        self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome
+    ) -> None:
         self._bundle = bundle
         self._scenes = scenes
         self._tolerance = tolerance
@@ -259,7 +265,11 @@ class _Check:
         scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
         # The median size of a column's scores: what a difference near zero is compared with.
         self._sizes = (
-            scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median().to_dict()
+            scores["value"]
+            .abs()
+            .groupby([scores["metric"], scores["variant"]])
+            .median()
+            .to_dict()
         )
         self._whole: dict[tuple[str, ...], dict[str, Any]] = {}  # by view, then by method
         for row in tuples(filled_restorations(rows)):
@@ -304,7 +314,9 @@ class _Check:
             common = self._common_pixels(said, found)
             for method, opened in found.items():
                 image = masked(opened.restoration.image, common)
-                on_common = opened._replace(restoration=replace(opened.restoration, image=image))
+                on_common = opened._replace(
+                    restoration=replace(opened.restoration, image=image)
+                )
                 of_method = [score for score in scores if score.method == method]
                 self._score(whole[method], on_common, of_method)
 
@@ -325,7 +337,9 @@ class _Check:
         common = common_pixels(
             {method: opened.restoration.valid for method, opened in found.items()}
         )
-        is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
+        is_of_share = math.isclose(
+            common.share, said.value, abs_tol=1e-6
+        )  # it is written as text
         kind = kind_of(said.status, said.code)
         if (common.kind, common.id) != (kind, said.code) or not is_of_share:
             there, here = (
@@ -349,7 +363,9 @@ class _Check:
                 )
             restoration = with_truth(restoration, scene, view)
         else:  # from the bundle's pictures, as far as they go
-            rgb = self._picture(opened.view) if opened.view else np.zeros_like(restoration.image)
+            rgb = (
+                self._picture(opened.view) if opened.view else np.zeros_like(restoration.image)
+            )
             reference = self._picture(opened.reference) if opened.reference else None
             view = View(row.view, Arrays(rgb, reference=reference))
         chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]

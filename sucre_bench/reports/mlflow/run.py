@@ -75,7 +75,9 @@ class Run:
         from mlflow.utils import chunk_list
 
         new = [
-            Metric(n, v, time, step) for n, v, step, time in values if not self.has(n, step, time)
+            Metric(n, v, time, step)
+            for n, v, step, time in values
+            if not self.has(n, step, time)
         ]
         for some in chunk_list(new, _MOST_METRICS):
             self._client.log_batch(self.id, metrics=some)
@@ -93,7 +95,10 @@ class Run:
         if len(reasons):
             self._has_failed = True
             self.tag("reason", str(reasons.iloc[0]))
-        statuses = {*restoration_rows(rows)["status"], *(["failed"] if self._has_failed else [])}
+        statuses = {
+            *restoration_rows(rows)["status"],
+            *(["failed"] if self._has_failed else []),
+        }
         order = ("failed", "ok", "skipped")
         self.tag("status", next((status for status in order if status in statuses), "ok"))
 

@@ -49,7 +49,9 @@ class JobKey(NamedTuple):
         """Return every option as mlflow's parameters, by its name on the command line."""
         values = json.loads(self.options)
         params = {"seed": int(self.seed), "replicate": values.pop("replicate", 0)}
-        degrade = {option.name: plain_value(option.default) for option in options_of(Degradation)}
+        degrade = {
+            option.name: plain_value(option.default) for option in options_of(Degradation)
+        }
         groups = {
             "dataset": values.pop("dataset", {}),
             "degrade": degrade | values.pop("degrade", {}),
@@ -211,7 +213,9 @@ class Runs:
     def end(self, rows: DataFrame, comparisons: Sequence[Comparison]) -> int:
         """Log what lacks: of each job, and of all of them. Return how many jobs' rows were not all logged."""
         jobs = jobs_of(rows)
-        changed = {job: of_job for job, of_job in jobs.items() if not self._is_whole(job, of_job)}
+        changed = {
+            job: of_job for job, of_job in jobs.items() if not self._is_whole(job, of_job)
+        }
         stale = {r.info.run_id for r in self._known.values() if r.info.status == "RUNNING"}
         if not (changed or stale or self._parent):
             return 0
@@ -269,10 +273,14 @@ class Runs:
         # last: a run that was cut off before is not taken for whole
         run.tag("rows", _hash(rows))
 
-    def steps(self, dataset: str, views: Iterable[tuple[str, str]]) -> dict[tuple[str, str], int]:
+    def steps(
+        self, dataset: str, views: Iterable[tuple[str, str]]
+    ) -> dict[tuple[str, str], int]:
         """Return the steps of views, by scene and name, alike for all methods. New views follow known ones."""
         known = self.note.views.setdefault(dataset, [])
-        names = {view: [results.unreplicated(view[0])[0], view[1]] for view in sorted(set(views))}
+        names = {
+            view: [results.unreplicated(view[0])[0], view[1]] for view in sorted(set(views))
+        }
         if new := [name for name in names.values() if name not in known]:
             known += [name for k, name in enumerate(new) if name not in new[:k]]
             self.note.write()
@@ -294,6 +302,8 @@ def _hash(rows: DataFrame) -> str:
     """What identifies rows in any order: 16 hex digits."""
     import pandas as pd
 
-    ordered = rows.sort_values([*rows.columns[:4], "metric", "variant", "region"], kind="stable")
+    ordered = rows.sort_values(
+        [*rows.columns[:4], "metric", "variant", "region"], kind="stable"
+    )
     hashes = pd.util.hash_pandas_object(ordered, index=False).to_numpy().tobytes()
     return hashlib.blake2b(hashes, digest_size=8).hexdigest()

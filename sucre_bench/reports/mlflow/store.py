@@ -138,7 +138,9 @@ def _client(uri: str) -> MlflowClient:
     if uri.startswith(_SQLITE):
         from mlflow.store.db import utils
 
-        utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; else it takes two minutes
+        utils.MAX_RETRY_COUNT = (
+            2  # of a database that does not answer; else it takes two minutes
+        )
     return MlflowClient(tracking_uri=uri)
 
 
@@ -152,7 +154,9 @@ def reported(uri: str) -> Iterator[None]:
         raise
     except Exception as fault:
         reason = shorten(masked(in_words(fault)), 200)
-        if "failed with exception" in reason:  # of a request, which has the reason in many words
+        if (
+            "failed with exception" in reason
+        ):  # of a request, which has the reason in many words
             reason = "the server does not answer"
         raise OutputError(
             f"cannot log in mlflow, {reason}", masked(uri), "check the URI"

@@ -60,9 +60,15 @@ def heading(column: Column) -> Content:
     return {
         "key": column.key,
         "head": " ".join(
-            filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])
+            filter(
+                None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"]
+            )
         ),
-        "below": [column.variant, count, *(["common pixels"] if column.pixels == "common" else [])],
+        "below": [
+            column.variant,
+            count,
+            *(["common pixels"] if column.pixels == "common" else []),
+        ],
         "better": column.better,
         "kind": "describes" if describes else "dim" * (column.knows == "taste"),
     }
@@ -71,7 +77,9 @@ def heading(column: Column) -> Content:
 def cells(table: Comparison, column: Column) -> list[Content | None]:
     """Return a column's cells, a method each, with the marks that every table gives them; None: no score."""
     known = [cell for name in table.methods if (cell := table.cells.get((name, column)))]
-    ends = [end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)]
+    ends = [
+        end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)
+    ]
     low, high = min(ends, default=0.0), max(ends, default=0.0)
     made: list[Content | None] = []
     for name in table.methods:
@@ -80,7 +88,9 @@ def cells(table: Comparison, column: Column) -> list[Content | None]:
         if cell is None:
             made.append(None)
             continue
-        has_interval = math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
+        has_interval = (
+            math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
+        )
         interval = f"{number(cell.low)} to {number(cell.high)}" if has_interval else ""
         said = [
             f"{title(column)}: {number(cell.mean)}{f' ± {number(cell.std)}' if math.isfinite(cell.std) else ''}",
@@ -88,7 +98,9 @@ def cells(table: Comparison, column: Column) -> list[Content | None]:
             "the difference from the best may be chance" if marks.mark else "",
             f"lacks {cell.holes} that others have" if cell.holes else "",
         ]
-        draws = interval and high > low and not column.has_few_views  # whose intervals are rough
+        draws = (
+            interval and high > low and not column.has_few_views
+        )  # whose intervals are rough
         whisker = [
             4 + (_WHISKER - 8) * (end - low) / (high - low)
             for end in (cell.low, cell.mean, cell.high)
@@ -128,7 +140,9 @@ class Section:
         """Return what the template shows of the dataset, and under "data" what the script reads."""
         methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
-        enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
+        enough = any(
+            column.n_units and not column.has_few_views for column in self.table.columns
+        )
         seconds = [
             column
             for column in self.table.columns
@@ -136,20 +150,32 @@ class Section:
         ]
         scores = [column for column in self._columns if column.directed and seconds]
         costs = [
-            (column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores
+            (column, plots.cost(self.table, column, seconds[0], self.places))
+            for column in scores
         ]
         lines = answer(self.table, self._deciding)
         said = verdicts(self.table)
         commands = []
         for name, place in methods.items():
             rerun = self._rerun(name)
-            views = sorted(set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""})
+            views = sorted(
+                set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""}
+            )
             # A line has room for few views.
-            chosen = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+            chosen = (
+                shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+            )
             words = shell(rerun.words())
-            command = " ".join(filter(None, [words, chosen, self._metric_words])) if words else ""
+            command = (
+                " ".join(filter(None, [words, chosen, self._metric_words])) if words else ""
+            )
             commands.append(
-                {"label": name, "place": place, "command": command, "options": rerun.method_record}
+                {
+                    "label": name,
+                    "place": place,
+                    "command": command,
+                    "options": rerun.method_record,
+                }
             )
         return {
             "name": self.table.title,
@@ -255,7 +281,9 @@ class Section:
     @cached_property
     def _names(self) -> dict[tuple[str, str], str]:
         """What the page calls each view, by scene and view, in order."""
-        names = self.rows.loc[self.rows["view"] != "", _VIEW].drop_duplicates().sort_values(_VIEW)
+        names = (
+            self.rows.loc[self.rows["view"] != "", _VIEW].drop_duplicates().sort_values(_VIEW)
+        )
         pairs = names.itertuples(index=False, name=None)
         return {
             (scene, view): f"{scene} · {view}" if self._has_scenes else view
@@ -270,7 +298,8 @@ class Section:
     def _views(self) -> list[Content]:
         """The views; of as many as may be, spread evenly, the page keeps the pictures."""
         restored = {
-            (row.scene, row.view, row.method): row for row in tuples(restoration_rows(self.rows))
+            (row.scene, row.view, row.method): row
+            for row in tuples(restoration_rows(self.rows))
         }
         ok = self.rows[
             (self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)
@@ -278,7 +307,9 @@ class Section:
         by = [*_VIEW, "method", "metric", "variant"]
         means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()  # of charts their mean
         scores: dict[Any, dict[str, tuple[float, float]]] = defaultdict(dict)
-        for (*place_and_method, metric, variant), value, coverage in means.itertuples(name=None):
+        for (*place_and_method, metric, variant), value, coverage in means.itertuples(
+            name=None
+        ):
             scores[tuple(place_and_method)][f"{metric}:{variant}"] = (value, coverage)
         share = self.gallery.share
         picture = self.gallery.picture
@@ -288,7 +319,10 @@ class Section:
             place = layout.find(self.table.title, scene, view, self.out)
             results = [
                 self._result(
-                    place, restored.get((scene, view, method)), scores[scene, view, method], kept
+                    place,
+                    restored.get((scene, view, method)),
+                    scores[scene, view, method],
+                    kept,
                 )
                 for method in self.table.methods
             ]
@@ -329,7 +363,9 @@ class Section:
             if share < 1 and key.partition(":")[0] not in whole
         }
         parameters = [record[name] for name in _WATER if isinstance(record.get(name), list)]
-        has_water = any(isinstance(x, (int, float)) for parameter in parameters for x in parameter)
+        has_water = any(
+            isinstance(x, (int, float)) for parameter in parameters for x in parameter
+        )
         shown = {
             k: v
             for k, v in record.items()

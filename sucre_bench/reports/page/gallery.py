@@ -119,7 +119,9 @@ def _holes(name: str, filled: Mask, image: Picture) -> Block:
     mark[share > 127] = (90, 0, 150, 255)
     mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 255)
     about = {"guesses": f"{1 - filled.mean():.6f}"} if image[~filled].any() else {}
-    return Block(f"{name}-holes", "image/png", base64.b64encode(encode_png(mark)).decode(), about)
+    return Block(
+        f"{name}-holes", "image/png", base64.b64encode(encode_png(mark)).decode(), about
+    )
 
 
 def _narrowed(image: Any, width: int) -> Any:

@@ -62,10 +62,17 @@ def figure(
         "font": {"color": "--ink", "size": 12.5},
         "margin": {"l": 58, "r": 16, "t": 14, "b": 56},
         "hovermode": "closest",
-        "hoverlabel": {"bgcolor": "--raised", "bordercolor": "--line", "font": {"color": "--ink"}},
+        "hoverlabel": {
+            "bgcolor": "--raised",
+            "bordercolor": "--line",
+            "font": {"color": "--ink"},
+        },
         "showlegend": False,
     }
-    return {"data": list(traces), "layout": plain | {"xaxis": axis | x, "yaxis": axis | y} | layout}
+    return {
+        "data": list(traces),
+        "layout": plain | {"xaxis": axis | x, "yaxis": axis | y} | layout,
+    }
 
 
 def text(words: str) -> str:
@@ -88,7 +95,9 @@ def line(
         "marker": look(place),
     }
     shown = f"{text(name)}<br>{hover}<extra></extra>"
-    return {"name": text(name), "x": list(x), "y": list(y), "hovertemplate": shown} | drawn | more
+    return (
+        {"name": text(name), "x": list(x), "y": list(y), "hovertemplate": shown} | drawn | more
+    )
 
 
 def legend(names: Sequence[str]) -> Figure:
@@ -111,7 +120,8 @@ def cost(table: Comparison, column: Column, seconds: Column, places: Places) -> 
     known = [
         (name, cell, took)
         for name in table.methods
-        if (cell := table.cells.get((name, column))) and (took := table.cells.get((name, seconds)))
+        if (cell := table.cells.get((name, column)))
+        and (took := table.cells.get((name, seconds)))
         if math.isfinite(cell.mean) and took.mean > 0
     ]
     if not known:
@@ -164,11 +174,16 @@ def over_datasets(
         ]
         means = [cell.mean if cell and math.isfinite(cell.mean) else None for cell in cells]
         lines.append(
-            line(name, place, titles, means, "%{x}, %{y:.3g}", error_y=_interval(cells, width=3))
+            line(
+                name, place, titles, means, "%{x}, %{y:.3g}", error_y=_interval(cells, width=3)
+            )
         )
     first = next(column for column in columns if column)
     return figure(
-        lines, {"type": "category"}, {"title": {"text": text(title(first))}}, **legend(list(names))
+        lines,
+        {"type": "category"},
+        {"title": {"text": text(title(first))}},
+        **legend(list(names)),
     )
 
 
@@ -195,7 +210,9 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
     for key, _, words, unit in PARAMETERS:
         traces: list[Figure] = []
         for c, (channel, colour) in enumerate(CHANNELS.items()):
-            errors = [of_water(water.get("standard_error") or {}, key, c) for water in estimates]
+            errors = [
+                of_water(water.get("standard_error") or {}, key, c) for water in estimates
+            ]
             bars = {
                 "type": "data",
                 "array": [error or 0 for error in errors],
@@ -253,7 +270,9 @@ def heading(label: str) -> Figure:
 
 # -- colour charts: each patch as measured and expected, and errors and hues over distance -----------------
 
-Scores = Mapping[str, Mapping[str, float | None]]  # by "metric:variant" and method; None: infinite
+Scores = Mapping[
+    str, Mapping[str, float | None]
+]  # by "metric:variant" and method; None: infinite
 
 _MOST_SWATCHES = 40  # charts whose patches the page shows
 
@@ -309,7 +328,8 @@ def chart_content(
     keys = {key for chart in charts for key in chart.whole}
     measures = [c for c in columns if c.of == "chart" and c.directed and c.key in keys]
     near_first = sorted(
-        (chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0
+        (chart for chart in charts if chart.distance is not None),
+        key=lambda one: one.distance or 0,
     )
     return {
         "swatches": _swatches(charts, measures, list(methods)),
@@ -336,7 +356,10 @@ def _swatches(
                     "label": name,
                     "mean": _number(chart.whole, key, name),
                     "patches": [
-                        {"measured": _colour(scores, "", name), "value": _number(scores, key, name)}
+                        {
+                            "measured": _colour(scores, "", name),
+                            "value": _number(scores, key, name),
+                        }
                         for scores in chart.patches.values()
                     ],
                 }
@@ -384,7 +407,12 @@ def _distances(
     )
     figures = [figure(lines, *axes, **legend(list(methods)))] if near_first else []
     table = [
-        (chart.view, chart.name, chart.distance, [_at(chart.whole, key, name) for name in methods])
+        (
+            chart.view,
+            chart.name,
+            chart.distance,
+            [_at(chart.whole, key, name) for name in methods],
+        )
         for chart in charts
         if key in chart.whole
     ]
@@ -408,7 +436,9 @@ def _hues(near_first: Sequence[Chart], methods: Places) -> list[Choice]:
     for key in hues:
         for patches, charts in kinds.items():
             measured = [
-                patch for patch in patches if any(key in chart.patches[patch] for chart in charts)
+                patch
+                for patch in patches
+                if any(key in chart.patches[patch] for chart in charts)
             ]
             if measured:
                 words = f"{key.partition(':')[2]}, {', '.join(dict.fromkeys(chart.name for chart in charts))}"
@@ -433,7 +463,9 @@ def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Places) -> Figu
         x = [away for away, hue in known if hue is not None]
         y = [hue for _, hue in known if hue is not None]
         turned = (
-            y if expected is None else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
+            y
+            if expected is None
+            else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
         )
         small = {"marker": look(place) | {"size": 5}}
         lines.append(line(name, place, x, turned, "%{x:.2f} m, %{y:.0f}°", **small))
@@ -454,7 +486,9 @@ def _colour(scores: Scores, what: str, method: str = "") -> str:
     """A patch's colour as a style sheet has it: as measured in a method's picture, or "-expected" of it; else ""."""
     metric = next(iter(metrics_of("patch-colour")), "")
     by_channel = [scores.get(f"{metric}:{channel}{what}", {}) for channel in CHANNELS]
-    rgb = [channel.get(method) if method else _first(channel.values()) for channel in by_channel]
+    rgb = [
+        channel.get(method) if method else _first(channel.values()) for channel in by_channel
+    ]
     shown = [str(round(255 * value)) for value in rgb if value is not None]
     return f"rgb({' '.join(shown)})" if len(shown) == 3 else ""
 

@@ -60,17 +60,23 @@ def write(
     views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
     gallery = Gallery(out, 2 * len(views) + len(restorations(rows)), widths)
     path = out / "config.yaml"
-    config = masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
+    config = (
+        masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
+    )
     places = {
         name: n
-        for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))
+        for n, name in enumerate(
+            dict.fromkeys(m for table in comparisons for m in table.methods)
+        )
     }
     files = plugin_files(out)
     datasets = [
         Section(out, rows[rows["dataset"] == t.title], t, gallery, files, places).content()
         for t in comparisons
     ]
-    styles = "\n".join([*(source(__package__, name) for name in _STYLES), _method_colours(places)])
+    styles = "\n".join(
+        [*(source(__package__, name) for name in _STYLES), _method_colours(places)]
+    )
     body = "\n".join(source(__package__, name) for name in _SCRIPTS)
     scripts = f'(() => {{\n"use strict";\n{body}\n}})();'
     has_plots = any(
@@ -118,16 +124,23 @@ def write(
 @functools.cache
 def _packed(script: str) -> str:
     """A script as the page has it until the first plot comes into view."""
-    return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode() if script else ""
+    return (
+        base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode() if script else ""
+    )
 
 
-def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Places) -> list[Choice]:
+def _sweep(
+    tables: Sequence[Comparison], datasets: Sequence[Any], places: Places
+) -> list[Choice]:
     """Each score over all datasets, as a plot and in numbers; those that decide first.
 
     datasets: as `Section.content` has them.
     """
     heads = [
-        head for dataset in datasets for head in dataset["columns"] if head["kind"] != "describes"
+        head
+        for dataset in datasets
+        for head in dataset["columns"]
+        if head["kind"] != "describes"
     ]
     columns: dict[str, list[Column | None]] = {head["key"]: [] for head in heads}
     for table in tables:
@@ -139,12 +152,18 @@ def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Places
         first = next(column for column in of_tables if column)
         rows = []
         for table, of_table in zip(tables, of_tables, strict=True):
-            own = dict(zip(table.methods, cells(table, of_table), strict=True)) if of_table else {}
+            own = (
+                dict(zip(table.methods, cells(table, of_table), strict=True))
+                if of_table
+                else {}
+            )
             rows.append((table.title, [own.get(name) for name in places]))
         figures = [plots.over_datasets(tables, of_tables, places)] if len(tables) > 2 else []
         made.append(
             Choice(
-                f"{title(first)} ({first.variant})", figures, {"rows": rows, "better": first.better}
+                f"{title(first)} ({first.variant})",
+                figures,
+                {"rows": rows, "better": first.better},
             )
         )
     return made
@@ -155,7 +174,9 @@ def _method_colours(places: Places) -> str:
     lines = []
     for look, place in zip(style.looks(places).values(), places.values(), strict=True):
         rgb = [int(look.colour[at : at + 2], 16) for at in (1, 3, 5)]
-        is_dark = sum(c * w for c, w in zip(rgb, (0.299, 0.587, 0.114), strict=True)) < 255 * _DARK
+        is_dark = (
+            sum(c * w for c, w in zip(rgb, (0.299, 0.587, 0.114), strict=True)) < 255 * _DARK
+        )
         lifted = (
             "#" + "".join(f"{round(c + 0.6 * (255 - c)):02x}" for c in rgb)
             if is_dark
@@ -170,7 +191,9 @@ def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
     """Where and why, with the views that share a fault in one entry."""
     of_status = rows[rows["status"] == status]
     pairs = zip(of_status["reason"], of_status["view"], strict=True)
-    of_status = of_status.assign(reason=[without_view(str(reason), view) for reason, view in pairs])
+    of_status = of_status.assign(
+        reason=[without_view(str(reason), view) for reason, view in pairs]
+    )
     faults = []
     by = ["dataset", "method", "metric", "reason"]
     for (dataset, method, metric, reason), same in of_status.groupby(by, sort=False):

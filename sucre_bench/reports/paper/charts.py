@@ -15,7 +15,14 @@ from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.chart_kinds import read_label
 from sucre_bench.plugins.plugin import Role
-from sucre_bench.reports.metric_roles import adding, beside, metrics_of, roles, scores_of, symbol
+from sucre_bench.reports.metric_roles import (
+    adding,
+    beside,
+    metrics_of,
+    roles,
+    scores_of,
+    symbol,
+)
 from sucre_bench.reports.paper import style
 from sucre_bench.reports.paper.study_results import Drawn, StudyResults
 from sucre_bench.results.layout import file_name
@@ -63,7 +70,9 @@ def _over_places(scores: DataFrame, below: str, patches: DataFrame | None = None
         for method, (colour, marker) in style.looks(scores["method"]).items():
             key = (metric, variant, method)
             means = _at_places(scores, *key).mean()
-            panel.plot(means.index, means, color=colour, marker=marker, label=method, markersize=3)
+            panel.plot(
+                means.index, means, color=colour, marker=marker, label=method, markersize=3
+            )
             if patches is not None:
                 spread = _at_places(patches, *key).std().reindex(means.index)
                 bars: Any = {"ecolor": colour, "alpha": 0.3, "elinewidth": 0.7, "zorder": 1}
@@ -80,7 +89,9 @@ def _over_places(scores: DataFrame, below: str, patches: DataFrame | None = None
 def _at_places(scores: DataFrame, metric: str, variant: str, method: str) -> Any:
     """The values of one measure and method, grouped by place."""
     chosen = (
-        (scores["metric"] == metric) & (scores["variant"] == variant) & (scores["method"] == method)
+        (scores["metric"] == metric)
+        & (scores["variant"] == variant)
+        & (scores["method"] == method)
     )
     return scores[chosen].groupby("place")["value"]
 
@@ -151,7 +162,8 @@ def swatches(results: StudyResults) -> Iterator[Drawn]:
         figure, axes = style.figure(2, 1.0 + 0.2 * len(methods), 1, 2)
         for panel, chart in zip(axes[0], (shown.index[0], shown.index[-1]), strict=True):
             of_chart = [
-                table[(table[_CHART] == list(chart)).all(axis=1)] for table in (of_variant, colours)
+                table[(table[_CHART] == list(chart)).all(axis=1)]
+                for table in (of_variant, colours)
             ]
             _paint(panel, methods, *of_chart)
             panel.set_title(f"{chart[-1]}, {shown.loc[chart, 'distance']:.1f} m")
@@ -182,13 +194,20 @@ def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: Data
                 [value_of[method, patch, channel + end] for channel in style.CHANNELS]
                 for end in ("", "-expected")
             )
-            panel.add_patch(Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=rgb, linewidth=0))
+            panel.add_patch(
+                Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=rgb, linewidth=0)
+            )
             panel.add_patch(
                 Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0)
             )
             ink = "black" if np.dot(rgb, (0.299, 0.587, 0.114)) > 0.5 else "white"
             panel.text(
-                x, y - 0.13, f"{error_of[method, patch]:.0f}", color=ink, ha="center", va="center"
+                x,
+                y - 0.13,
+                f"{error_of[method, patch]:.0f}",
+                color=ink,
+                ha="center",
+                va="center",
             )
     panel.set(xlim=(-0.5, len(patches) - 0.5), ylim=(len(methods) - 0.5, -0.5))
     panel.set_xticks(
@@ -209,7 +228,9 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
     Yields a figure per dataset, set of patches and variant of hue.
     """
     hues = scores_of(_seen_charts(results.rows), "patch-hue")
-    forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
+    forms = [
+        v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])
+    ]
     if not forms:
         raise NotApplicableError(
             f"no hues of chart patches; {adding('patch-hue', 'chart-distance')}"
@@ -236,7 +257,9 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
         panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
         for method, (colour, marker) in style.looks(hues["method"]).items():
             of_patch = hues[
-                (hues["patch"] == patch) & (hues["variant"] == form) & (hues["method"] == method)
+                (hues["patch"] == patch)
+                & (hues["variant"] == form)
+                & (hues["method"] == method)
             ]
             vectors = (
                 np.exp(1j * np.radians(of_patch["value"] - expected))
@@ -253,7 +276,9 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
                         "marker": marker,
                         "label": method if turn == 0 else "_again",
                     }
-                    panel.plot(vectors.index, expected + y, markersize=2.5, linewidth=0.9, **drawn)
+                    panel.plot(
+                        vectors.index, expected + y, markersize=2.5, linewidth=0.9, **drawn
+                    )
         panel.set_ylim(expected - 180, expected + 180)
         ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
         panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])

@@ -31,7 +31,9 @@ _FEWEST, _SPREAD = 4, 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
 _ROUNDS, _LEAST_S = 10, 1e-4
-_LABELLED = 50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
+_LABELLED = (
+    50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
+)
 
 # Of water: parameter, as variants begin with it; its name in a run's records, and as an axis says it.
 _PARAMETERS = {
@@ -61,7 +63,9 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
     ):
         recorded = [(row.view, read_record(row, results.out)) for row in of_method.itertuples()]
         recorded = [
-            (view, record) for view, record in recorded if record.get("residuals", {}).get("tracks")
+            (view, record)
+            for view, record in recorded
+            if record.get("residuals", {}).get("tracks")
         ]
         recorded.sort(key=lambda each: -each[1].get("n_observations", 0))
         for view, record in recorded[:_VIEWS]:
@@ -72,7 +76,13 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
             for kind, about, x, y, draw in (
                 ("histogram", count, "residual, intensity", "density", _histogram),
                 ("normal", "normal plots", "normal quantile", "residual, intensity", _normal),
-                ("fits", "residuals over fits", "fitted intensity", "residual, intensity", _fits),
+                (
+                    "fits",
+                    "residuals over fits",
+                    "fitted intensity",
+                    "residual, intensity",
+                    _fits,
+                ),
                 (
                     "distance",
                     "points over distance, and the model (dotted)",
@@ -111,12 +121,19 @@ def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str
     panel.plot(at, normal, "k--", linewidth=0.9)
     panel.set_xlim(float(at[0]), float(at[-1]))
     panel.set_ylim(top=1.3 * panel.get_ylim()[1])  # room for words
-    names = {"std": "std", "robust_std": "robust std", "skew": "skew", "kurtosis": "exc. kurtosis"}
+    names = {
+        "std": "std",
+        "robust_std": "robust std",
+        "skew": "skew",
+        "kurtosis": "exc. kurtosis",
+    }
     moments = {label: left[name][channel] for name, label in names.items()}
     words = "\n".join(
         f"{label} {value:.3g}" for label, value in moments.items() if value is not None
     )
-    panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small")
+    panel.text(
+        0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small"
+    )
 
 
 def _normal(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
@@ -178,13 +195,17 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
         raise NotApplicableError(
             f"no restoration has a number of observations; {adding('observations')}"
         )
-    records = [read_record(row, results.out).get("stage_seconds", {}) for row in table.itertuples()]
+    records = [
+        read_record(row, results.out).get("stage_seconds", {}) for row in table.itertuples()
+    ]
     stages = pd.DataFrame(records, table.index, ["pair", "solve"], dtype=float)
     table = table[["method", "n"]].assign(
         seconds=table["value"], pair=stages["pair"], solve=stages["solve"]
     )
     shown = {stage: title for stage, title in _STAGES.items() if table[stage].notna().any()}
-    figure, axes = style.figure(2, 2.8 if len(shown) > 1 else 2.6, ncols=len(shown), sharey=True)
+    figure, axes = style.figure(
+        2, 2.8 if len(shown) > 1 else 2.6, ncols=len(shown), sharey=True
+    )
     looks = style.looks(table["method"])
     for panel, (stage, title) in zip(axes[0], shown.items(), strict=True):
         for method, of_method in table[table[stage] > 0].groupby("method", sort=False):
@@ -240,10 +261,14 @@ def water(results: StudyResults) -> Iterator[Drawn]:
     water-parameters and distance-variance. Yields a figure per dataset and page of methods.
     """
     estimates = scores_of(results.rows, "water-parameters")
-    estimates = beside(estimates, scores_of(results.rows, "distance-variance"), "variance", _VIEW)
+    estimates = beside(
+        estimates, scores_of(results.rows, "distance-variance"), "variance", _VIEW
+    )
     if estimates.empty:
         remedy = f"{adding('water-parameters', 'distance-variance')}, with a method that estimates water, on images"
-        raise NotApplicableError(f"no water beside a variance of distances; {remedy} with depth")
+        raise NotApplicableError(
+            f"no water beside a variance of distances; {remedy} with depth"
+        )
     for name, of_dataset in style.each_dataset(estimates):
         for page, methods in style.pages(list(dict.fromkeys(of_dataset["method"])), _METHODS):
             figure, axes = style.figure(
@@ -275,7 +300,9 @@ def water(results: StudyResults) -> Iterator[Drawn]:
             yield (name, page), figure
 
 
-def _parameter(panel: Axes, estimates: DataFrame, parameter: str, truth: Sequence[float]) -> None:
+def _parameter(
+    panel: Axes, estimates: DataFrame, parameter: str, truth: Sequence[float]
+) -> None:
     for place, (channel, marker) in enumerate(_MARKERS.items()):
         of_channel = estimates[estimates["variant"] == f"{parameter}-{channel}"]
         colour = style.CHANNELS[channel]

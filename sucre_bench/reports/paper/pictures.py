@@ -57,7 +57,9 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
         several = names["scene"].nunique() > 1
         views = {
             f"{scene} · {place.stem.name}" if several else place.stem.name: place
-            for dataset, scene, view in names.sort_values(["scene", "view"]).itertuples(index=False)
+            for dataset, scene, view in names.sort_values(["scene", "view"]).itertuples(
+                index=False
+            )
             if not unreplicated(scene)[1]
             and (place := layout.find(dataset, scene, view, out))
             and place.original(out).is_file()
@@ -92,7 +94,9 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
     height = shape * width
     heads = [_wrapped(name, width, 3) for name in columns]
     total = (
-        0.05 + 0.115 * max(head.count("\n") + 1 for head in heads) + len(views) * (height + _GAP)
+        0.05
+        + 0.115 * max(head.count("\n") + 1 for head in heads)
+        + len(views) * (height + _GAP)
     )
     figure, axes = style.figure(2, total, len(views), len(columns))
     figure.set_layout_engine("none")  # pictures keep their shape
@@ -197,7 +201,9 @@ def _changed(
     return photograph, changed
 
 
-def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str, str]) -> Figure:
+def _seams(
+    photograph: Array, changed: Mapping[str, Array], titles: Mapping[str, str]
+) -> Figure:
     import cv2
 
     found = {method: find_seams(picture, photograph) for method, picture in changed.items()}
@@ -215,7 +221,8 @@ def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str,
     rows, cols = masks[0].shape
     size = (max(1, round(w * cols / wide)), max(1, round(h * rows / high)))
     within = np.max(
-        [cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks], axis=0
+        [cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks],
+        axis=0,
     )
     row, col = np.unravel_index(int(within.argmax()), within.shape)
     x = min(max(round((col + 0.5) * wide / cols - w / 2), 0), wide - w)
@@ -223,7 +230,9 @@ def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str,
     for column, (title, picture) in zip(axes.T, columns.items(), strict=True):
         shown = np.nan_to_num(picture)
         column[0].imshow(shown)
-        column[0].add_patch(Rectangle((x, y), w, h, fill=False, edgecolor="white", linewidth=0.8))
+        column[0].add_patch(
+            Rectangle((x, y), w, h, fill=False, edgecolor="white", linewidth=0.8)
+        )
         column[1].imshow(shown[y : y + h, x : x + w], interpolation="nearest")
         column[0].set_title(title)
         for panel in column:

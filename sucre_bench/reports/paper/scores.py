@@ -39,7 +39,9 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
         (comparison, _telling(comparison, results.study)) for comparison in results.comparisons
     ]
     if not any(columns for _, columns in drawn):
-        raise NotApplicableError("no scores that tell methods apart; add metrics, or method=a,b")
+        raise NotApplicableError(
+            "no scores that tell methods apart; add metrics, or method=a,b"
+        )
     for comparison, columns in drawn:
         height = 0.55 + _LINE * len(comparison.methods)
         for page, shown in style.pages(columns, 2 * max(1, int(_PAGE / height))):
@@ -96,7 +98,9 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
                         ("white", "the difference from the best may be chance"),
                     )
                 ]
-                figure.legend(handles=legend, loc="outside upper center", ncols=min(2, len(shown)))
+                figure.legend(
+                    handles=legend, loc="outside upper center", ncols=min(2, len(shown))
+                )
             yield (comparison.title if len(drawn) > 1 else "", page), figure
 
 
@@ -122,7 +126,9 @@ def _telling(comparison: Comparison, study: Study) -> list[Column]:
         ]
         for c in columns
     }
-    return [column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1]
+    return [
+        column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1
+    ]
 
 
 def against(results: StudyResults) -> Iterator[Drawn]:
@@ -155,7 +161,11 @@ def against(results: StudyResults) -> Iterator[Drawn]:
                 # a gap for none
                 cells = [followed.scores.cells.get((line, column), _NO_CELL) for line in lines]
                 panel.plot(
-                    where, [cell.mean for cell in cells], color=colour, marker=marker, label=method
+                    where,
+                    [cell.mean for cell in cells],
+                    color=colour,
+                    marker=marker,
+                    label=method,
                 )
                 low = [cell.low for cell in cells]
                 high = [cell.high for cell in cells]

@@ -72,7 +72,8 @@ class StudyResults:
         """The same tables against the study's baseline; `comparisons` if it has none."""
         name = self.study.baseline
         return [
-            against(table, name) if name in table.methods else table for table in self.comparisons
+            against(table, name) if name in table.methods else table
+            for table in self.comparisons
         ]
 
     @cached_property
@@ -151,8 +152,12 @@ class Along:
                     (names[line], column): cell
                     for line, cell in zip(part.methods, of_level, strict=True)
                 }
-            photographs = tuple(names[line] for line in self.scores.photographs if line in names)
-            table = replace(self.scores, methods=self.methods, cells=cells, photographs=photographs)
+            photographs = tuple(
+                names[line] for line in self.scores.photographs if line in names
+            )
+            table = replace(
+                self.scores, methods=self.methods, cells=cells, photographs=photographs
+            )
             same = {method: method for method in self.methods}
             made.append(Level(f"{self.option}={value.word}", table, same))
         return made
@@ -201,11 +206,13 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     group, _, name = study.along.partition(".")
     options = {text: json.loads(text) for text in rows["options"].unique()}
     of_group = {
-        text: each if group == "method" else each.get(group, {}) for text, each in options.items()
+        text: each if group == "method" else each.get(group, {})
+        for text, each in options.items()
     }
     others = ("dataset", "degrade", "replicate", "name")
     parts = {
-        text: {k: v for k, v in part.items() if k not in others} for text, part in of_group.items()
+        text: {k: v for k, v in part.items() if k not in others}
+        for text, part in of_group.items()
     }
     values = {text: _value_in(part, group, name) for text, part in parts.items()}
     if not any(values.values()):
@@ -231,7 +238,10 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     lacking = rows.loc[rows["_value"].isna(), label].unique()
     notes = tuple(Note(f"{each} is left out: it has no option {name}") for each in lacking)
     rows = rows[rows["_value"].notna()]
-    if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
+    if (
+        group == "dataset"
+        and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all()
+    ):
         # The option may be part of a scene's name. So a view is known by its own name alone.
         rows = rows.assign(scene="")
     wanted = {metric.partition(":")[0] for metric in study.metrics}
@@ -264,7 +274,10 @@ def _value_in(part: dict[str, Any], group: str, name: str) -> Value | None:
             value = float(read_water(value).attenuation.mean())
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return Value(
-            f"{value:.4g}" if isinstance(value, float) else str(value), float(value), is_given, full
+            f"{value:.4g}" if isinstance(value, float) else str(value),
+            float(value),
+            is_given,
+            full,
         )
     word = "_".join(map(str, value)) if isinstance(value, list) else PurePath(str(value)).name
     return Value(word, None, is_given, full)

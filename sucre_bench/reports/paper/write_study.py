@@ -97,7 +97,9 @@ def write(
     return Written(tuple(paths), tuple(notes))
 
 
-def drawn(name: str, results: StudyResults) -> Iterator[tuple[str, Figure | NotApplicableError]]:
+def drawn(
+    name: str, results: StudyResults
+) -> Iterator[tuple[str, Figure | NotApplicableError]]:
     """Yield the figures of one kind, each with the end of its file's name, or why a dataset has none.
 
     Raises NotApplicableError ("why; what to do") if there is nothing to draw at all.
@@ -129,7 +131,9 @@ def _applicable(study: Study, rows: DataFrame, notes: list[str]) -> Study:
     absent = [metric for metric in study.metrics if metric not in known]
     if absent:
         notes.append(f"{study.name}: no scores of {', '.join(absent)}, left out")
-        study = replace(study, metrics=tuple(metric for metric in study.metrics if metric in known))
+        study = replace(
+            study, metrics=tuple(metric for metric in study.metrics if metric in known)
+        )
     if study.baseline and study.baseline not in set(rows["method"]):
         notes.append(
             f"{study.name}: the baseline {study.baseline} did not run; study.baseline=METHOD names another"
@@ -158,7 +162,8 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
     if study.baseline:
         titled = [
-            replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline
+            replace(t, title=f"{t.title}, against {study.baseline}")
+            for t in results.with_baseline
         ]
         tables = [*itertools.chain(*zip(tables, titled, strict=True))]
     tables = [*tables, *results.parts]

@@ -82,7 +82,11 @@ class Bench:
     def __init__(
         self, folder: Path, cluster: dict[str, str], commands: contextlib.ExitStack
     ) -> None:
-        self.out, self.notes, self.plugin = folder / "out", folder / "notes", folder / "eventful.py"
+        self.out, self.notes, self.plugin = (
+            folder / "out",
+            folder / "notes",
+            folder / "eventful.py",
+        )
         self.notes.mkdir()
         self.plugin.write_text(EVENTFUL)
         self._commands = commands
@@ -147,7 +151,9 @@ class Bench:
     def stored(self) -> set[str]:
         """The views whose rows are on the disk."""
         return (
-            set(results.read(self.out)["view"]) if any(self.out.glob("parts/*.parquet")) else set()
+            set(results.read(self.out)["view"])
+            if any(self.out.glob("parts/*.parquet"))
+            else set()
         )
 
     def calls(self) -> list[str]:

@@ -27,12 +27,18 @@ from sucre_bench.methods.doors import Command
     ("options", "named"),
     [
         ({"run": ""}, {"command.run", "empty"}),
-        ({"run": "no_such_program {output}"}, {"command.run", "'no_such_program'", "executable"}),
+        (
+            {"run": "no_such_program {output}"},
+            {"command.run", "'no_such_program'", "executable"},
+        ),
         ({"run": "/etc/passwd {output}"}, {"command.run", "'/etc/passwd'", "executable"}),
         ({"run": "cp 'a {output}"}, {"command.run", "quotation"}),
         ({"run": "cp {imput} {output}"}, {"command.run", "'{imput}'", "'input'"}),
         ({"run": "cp {} {output}"}, {"command.run", "placeholder", "'{}'"}),
-        ({"run": "cp {input:02d} {output}"}, {"command.run", "'{input:02d}'", "format", "{input}"}),
+        (
+            {"run": "cp {input:02d} {output}"},
+            {"command.run", "'{input:02d}'", "format", "{input}"},
+        ),
         ({"run": "cp { {output}"}, {"command.run", "{{", "}}"}),
         ({"run": "cp {input} there"}, {"command.run", "{output}"}),
         (
@@ -75,13 +81,17 @@ def test_a_view_whose_name_leads_out_of_the_folder_is_refused_in_a_batch():
         restored("cp -r {input} {output}", scene_of("../a.png"), per="scene")
 
 
-@pytest.mark.parametrize("name", [";exit 3;.png", "$(exit 3).png", "`exit 3`.png", "a\nexit 3.png"])
+@pytest.mark.parametrize(
+    "name", [";exit 3;.png", "$(exit 3).png", "`exit 3`.png", "a\nexit 3.png"]
+)
 def test_a_name_that_a_shell_would_obey_is_refused_within_code(name: str):
     scene = scene_of(name)
     for code in ("cp {input} {output}; echo {name}", "echo {name}", "echo\t{name}", "{name}"):
         with pytest.raises(InputError, match=r"may obey; .*\{name\}"):
             restored(f"sh -c '{code}' {{input}} {{output}}", scene)
-    assert restored("cp {input} {output} --suffix={name}", scene).image.shape == scene[0].rgb.shape
+    assert (
+        restored("cp {input} {output} --suffix={name}", scene).image.shape == scene[0].rgb.shape
+    )
 
 
 # -- from the command line -------------------------------------------------------------------------------
@@ -121,7 +131,9 @@ STAND_INS = {
 
 
 def blocks(language: str) -> list[str]:
-    found = re.findall(rf"```{language}\n(.*?)```", DOORS.read_text(encoding="utf-8"), re.DOTALL)
+    found = re.findall(
+        rf"```{language}\n(.*?)```", DOORS.read_text(encoding="utf-8"), re.DOTALL
+    )
     return [block.replace("\\\n", "") for block in found]
 
 
@@ -162,7 +174,9 @@ def test_the_examples_of_the_documentation_restore(
     ]
     assert len(lines) >= 8
     for line in lines:
-        overrides = [w for w in shlex.split(line)[2:] if not w.startswith(("dataset", "metrics"))]
+        overrides = [
+            w for w in shlex.split(line)[2:] if not w.startswith(("dataset", "metrics"))
+        ]
         (job,) = config.jobs(["dataset=toy", "metrics=[redness]", *overrides], False).jobs
         image = measured_restore(job.method.make(), scene, scene.views[1]).restoration.image
         np.testing.assert_allclose(image, scene.views[1].rgb, atol=0.51 / 255, err_msg=line)

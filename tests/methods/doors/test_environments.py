@@ -49,7 +49,9 @@ def tools(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "bin").mkdir()
     log = f"print(*sys.argv[1:], file=open({str(tmp_path / 'told')!r}, 'a'))"
     for name, source in (("conda", CONDA), ("docker", DOCKER)):
-        (tmp_path / "bin" / name).write_text(f"#!{sys.executable}\nimport os, sys\n{log}\n{source}")
+        (tmp_path / "bin" / name).write_text(
+            f"#!{sys.executable}\nimport os, sys\n{log}\n{source}"
+        )
         (tmp_path / "bin" / name).chmod(0o755)
     (tmp_path / "restore.py").write_text(COPY)
     return tmp_path
@@ -67,12 +69,16 @@ def test_conda_and_docker_run_the_program_with_its_files_in_reach(tools: Path):
     place = conda.split()[-1].rpartition("/output/")[0].rpartition("/")[0]
     mounted = docker.split("--volume ")[1].split(":")[0]
     assert mounted.startswith(place)
-    assert docker.startswith(f"run --rm --init --user {os.getuid()}:{os.getgid()} --env HOME=/tmp ")
+    assert docker.startswith(
+        f"run --rm --init --user {os.getuid()}:{os.getgid()} --env HOME=/tmp "
+    )
     assert (
         f"--volume {mounted}:{mounted} --volume {tools}/restore.py:{tools}/restore.py:ro reef@{IMAGE} "
         in docker
     )
-    assert docker.endswith(f" python restore.py {mounted}/input/view.png {mounted}/output/view.png")
+    assert docker.endswith(
+        f" python restore.py {mounted}/input/view.png {mounted}/output/view.png"
+    )
 
 
 def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others_with_a_digest(
@@ -163,7 +169,9 @@ def test_two_methods_with_conflicting_packages_run_in_one_sweep(
     for name, requirement in NEEDS.items():
         (method,) = [label for label in rows.index if name in label]
         digest = hashlib.sha256(f"{requirement}\n".encode()).hexdigest()
-        assert json.loads(rows.loc[method, "options"])["env"] == f"uv:{name}.txt@sha256:{digest}"
+        assert (
+            json.loads(rows.loc[method, "options"])["env"] == f"uv:{name}.txt@sha256:{digest}"
+        )
         (picture,) = conflicting.glob(f"out/restored/toy/*{name}*/v0.png")
         assert record_of(picture)["said"] == requirement
     (never,) = [label for label in rows.index if "never" in label]

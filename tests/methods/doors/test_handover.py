@@ -142,7 +142,9 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
     views = [View(name, Arrays(RGB / (k + 1))) for k, name in enumerate(names)]
     scene = Scene("made", views, frozenset())
     run = f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}'"
-    results = [restore("command", scene, view, run=run, per="scene", bits=16) for view in views[:4]]
+    results = [
+        restore("command", scene, view, run=run, per="scene", bits=16) for view in views[:4]
+    ]
     for k, result in enumerate(results):
         np.testing.assert_allclose(result.image, RGB / (k + 1), atol=1e-5)
     with pytest.raises(InputError, match=r"missing\.png: (?!.*exit code)"):
@@ -161,7 +163,9 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
     assert not kept.exists()
 
 
-def test_a_batch_that_fails_gives_what_it_wrote_and_the_reason_for_what_it_did_not(tmp_path: Path):
+def test_a_batch_that_fails_gives_what_it_wrote_and_the_reason_for_what_it_did_not(
+    tmp_path: Path,
+):
     scene = scene_of("a.png", "missing.png")
     options = {
         "run": f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 3",

@@ -30,7 +30,9 @@ def rendered(tmp_path: Path, cache: Path) -> Path:
     """
     (scene,) = load_scenes("demo", width=96, height=72, views=4, noise=0.0, root=cache)
     for view in scene:
-        write_png(tmp_path / "renders" / "clear" / view.name, to_8bit(view.reference)[..., ::-1])
+        write_png(
+            tmp_path / "renders" / "clear" / view.name, to_8bit(view.reference)[..., ::-1]
+        )
         write_png(
             tmp_path / "renders" / "water" / view.name,
             to_levels(srgb_decode(view.rgb), 16)[..., ::-1],

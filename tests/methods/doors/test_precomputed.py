@@ -80,7 +80,9 @@ def test_the_image_of_a_view_is_found_by_name(
     tmp_path: Path, name: str, there: list[str], pattern: str, expected: str
 ):
     touch(tmp_path, *there)
-    assert find_image(tmp_path, name, [name], pattern).relative_to(tmp_path).as_posix() == expected
+    assert (
+        find_image(tmp_path, name, [name], pattern).relative_to(tmp_path).as_posix() == expected
+    )
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,11 @@ def test_the_image_of_a_view_is_found_by_name(
     [
         (["a.png"], ["a.png", "a.npy"], {"a.npy", "a.png", "'{stem}.png'"}),
         (["a.png"], ["x/a.png", "y/a.png"], {"a.png", "y/a.png"}),
-        (["left/a.png", "right/a.png"], ["a.png"], {"left/a.png", "right/a.png", "sub-folders"}),
+        (
+            ["left/a.png", "right/a.png"],
+            ["a.png"],
+            {"left/a.png", "right/a.png", "sub-folders"},
+        ),
         (["a.png", "a.jpg"], ["a.png"], {"a.png", "a.jpg"}),
         (["../a.png"], ["a.png"], {"../a.png", "path"}),
         (["/a.png"], ["a.png"], {"/a.png", "path"}),
@@ -106,7 +112,9 @@ def test_a_view_without_an_image_is_skipped_and_told_the_nearest_name(tmp_path: 
     touch(tmp_path, "GOPR0013.png", "GOPR0456.png")
     with pytest.raises(NotApplicableError) as fault:
         find_image(tmp_path, "GOPR0012.JPG", ["GOPR0012.JPG"])
-    assert re.search(rf"{re.escape(str(tmp_path))} .*GOPR0012.* 2 .*GOPR0013$", str(fault.value))
+    assert re.search(
+        rf"{re.escape(str(tmp_path))} .*GOPR0012.* 2 .*GOPR0013$", str(fault.value)
+    )
     with pytest.raises(NotApplicableError, match="no images"):
         find_image(tmp_path / "GOPR0013.png", "a.png", ["a.png"])
 
@@ -170,7 +178,9 @@ def test_red_is_red_in_every_kind_of_file(tmp_path: Path, suffix: str):
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".webp", ".npy"])
 def test_transparent_pixels_are_holes_and_others_keep_their_colour(tmp_path: Path, suffix: str):
-    alpha = np.full((4, 6, 1), 128, np.uint8)  # a reader that multiplies by it halves the colours
+    alpha = np.full(
+        (4, 6, 1), 128, np.uint8
+    )  # a reader that multiplies by it halves the colours
     alpha[0, :2] = 0
     write(tmp_path / f"a{suffix}", np.concatenate([LEVELS, alpha], axis=2))
     image = restored(tmp_path).image
@@ -313,7 +323,9 @@ def test_what_a_run_keeps_comes_in_again(bench, toys: str, tmp_path: Path):
         "tracking.uri=off",
         "report=false",
     )
-    assert bench(*run, "method=gain", "method.gain=0.5", "save=full", "out=first").returncode == 0
+    assert (
+        bench(*run, "method=gain", "method.gain=0.5", "save=full", "out=first").returncode == 0
+    )
     (tmp_path / "first/restored/toy/gain/v1.npz").unlink()
     again = (
         "method=precomputed",

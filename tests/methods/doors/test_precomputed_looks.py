@@ -35,7 +35,9 @@ def said_of(folder: Path, pictures: list[np.ndarray]) -> list[str]:
         "s", [View(f"{k}.png", Arrays(x)) for k, x in enumerate(photographs(12))], frozenset()
     )
     for k, picture in enumerate(pictures):
-        cv2.imwrite(str(folder / f"{k}.png"), np.round(picture[..., ::-1] * 255).astype(np.uint8))
+        cv2.imwrite(
+            str(folder / f"{k}.png"), np.round(picture[..., ::-1] * 255).astype(np.uint8)
+        )
     said = list[str]()
     with progress.watched_by(
         lambda event, *values: said.append(values[0]) if event == "said" else None

@@ -45,7 +45,10 @@ def ends_soon(pid: int) -> bool:
         ("import os; os.kill(os.getpid(), 9)", {"SIGKILL", "memory"}),
         ("import os; os.abort()", {"SIGABRT"}),
         ("pass", {"image", "{output}"}),
-        ("import sys; open(sys.argv[2], 'w').write('no image')", {"output/view.png", "damaged"}),
+        (
+            "import sys; open(sys.argv[2], 'w').write('no image')",
+            {"output/view.png", "damaged"},
+        ),
         (
             "import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])",
             {"output/view.png", "cut"},
@@ -166,11 +169,11 @@ def test_a_flood_of_output_neither_blocks_nor_fills_the_memory(tmp_path: Path, s
 
 def test_ctrl_c_ends_the_program_too(tmp_path: Path):
     pid_file = tmp_path / "pid"
-    child = (
-        f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(3600)"
-    )
+    child = f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(3600)"
     ours = f"from sucre_bench.methods.doors.process import run_program as r; r([{sys.executable!r}, '-c', {child!r}])"
-    with subprocess.Popen([sys.executable, "-c", ours], stderr=subprocess.PIPE) as bench_process:
+    with subprocess.Popen(
+        [sys.executable, "-c", ours], stderr=subprocess.PIPE
+    ) as bench_process:
         deadline = time.monotonic() + 300
         while not (pid_file.exists() and pid_file.read_text()) and time.monotonic() < deadline:
             time.sleep(0.02)

@@ -64,7 +64,9 @@ def funie_by_hand(w: dict[str, torch.Tensor], x: torch.Tensor) -> torch.Tensor:
         x = torch.cat([batch_norm(x, f"up{i}.model.1").clamp(min=0), seen[4 - i]], 1)
     x = x.repeat_interleave(2, 2).repeat_interleave(2, 3)
     return torch.tanh(
-        functional.conv2d(functional.pad(x, (2, 1, 2, 1)), w["final.2.weight"], w["final.2.bias"])
+        functional.conv2d(
+            functional.pad(x, (2, 1, 2, 1)), w["final.2.weight"], w["final.2.bias"]
+        )
     )
 
 
@@ -100,9 +102,9 @@ def in_float64(path: Path) -> dict[str, torch.Tensor]:
 
 def test_funie_gan_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
     rgb = np.pad(NOISE, ((0, 12), (0, 8), (0, 0)), mode="symmetric")
-    by_hand = picture((funie_by_hand(in_float64(files["funie_gan"]), 2 * planes(rgb) - 1) + 1) / 2)[
-        :20, :24
-    ]
+    by_hand = picture(
+        (funie_by_hand(in_float64(files["funie_gan"]), 2 * planes(rgb) - 1) + 1) / 2
+    )[:20, :24]
     assert by_hand.std() > 0.05  # it does not saturate
     image = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
     np.testing.assert_allclose(image, by_hand, atol=2e-5)

@@ -51,7 +51,9 @@ class Trap:
 
 
 @pytest.mark.parametrize("kind", ["options", "whole module", "trap"])
-def test_the_tensors_of_a_file_are_taken_and_nothing_of_it_runs(kind: str, tmp_path: Path) -> None:
+def test_the_tensors_of_a_file_are_taken_and_nothing_of_it_runs(
+    kind: str, tmp_path: Path
+) -> None:
     layer = torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3), torch.nn.BatchNorm2d(4))
     state = layer.state_dict()
     content = {
@@ -79,7 +81,9 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     space: dict[str, Any] = {}
     exec(CODE, space)
     network = space["Brighter"](2)
-    torch.save({"model": network.state_dict(), "opt": argparse.Namespace()}, tmp_path / "net.pt")
+    torch.save(
+        {"model": network.state_dict(), "opt": argparse.Namespace()}, tmp_path / "net.pt"
+    )
     command = [
         sys.executable,
         "-m",
@@ -90,7 +94,9 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     ]
     subprocess.run([*command, "layers=2"], cwd=tmp_path, check=True, capture_output=True)
     picture = np.random.default_rng(0).random((1, 3, 40, 56), dtype=np.float32)
-    restored = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(None, {"image": picture})[0]
+    restored = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(
+        None, {"image": picture}
+    )[0]
     with torch.no_grad():
         assert restored == pytest.approx(network(torch.from_numpy(picture)).numpy(), abs=1e-5)
 

@@ -38,9 +38,13 @@ def test_water_net_with_passing_weights_returns_the_derived_image_of_that_branch
 
 def test_funie_gan_sees_every_view_at_256_pixels_unless_told_otherwise(files: dict[str, Path]):
     view = View("a.png", Arrays(NOISE))
-    result = restore("funie_gan", Scene("s", [view], frozenset()), view, weights=files["funie_gan"])
+    result = restore(
+        "funie_gan", Scene("s", [view], frozenset()), view, weights=files["funie_gan"]
+    )
     assert result.info["worked_at"] == "256x256"
-    square = restored("funie_gan", resized(NOISE, 256, 256), weights=files["funie_gan"], size=None)
+    square = restored(
+        "funie_gan", resized(NOISE, 256, 256), weights=files["funie_gan"], size=None
+    )
     np.testing.assert_allclose(result.image, resized(square, 20, 24), atol=1e-5)
 
 
@@ -60,5 +64,7 @@ def test_a_longest_side_scales_larger_views_down_and_no_view_up(files: dict[str,
     ):
         assert limited(np.broadcast_to(0, size), longest) == expected
     small = restored("water_net", NOISE, weights=files["water_net"], longest_side=12)
-    at_10x12 = restored("water_net", resized(NOISE, 10, 12).clip(0, 1), weights=files["water_net"])
+    at_10x12 = restored(
+        "water_net", resized(NOISE, 10, 12).clip(0, 1), weights=files["water_net"]
+    )
     np.testing.assert_allclose(small, resized(at_10x12, 20, 24), atol=1e-5)

@@ -50,13 +50,19 @@ def test_channels_reach_the_network_in_its_order_and_come_back_in_ours(
 ):
     gain = GAIN.reshape((1, 3, 1, 1) if layout == "nchw" else (1, 1, 1, 3))
     shape = (
-        ("n", "c", "h", "w") if told else (1, 3, "h", "w") if layout == "nchw" else (1, "h", "w", 3)
+        ("n", "c", "h", "w")
+        if told
+        else (1, 3, "h", "w")
+        if layout == "nchw"
+        else (1, "h", "w", 3)
     )
     path = onnx_file(
         tmp_path / "gain.onnx", [make_node("Mul", ["x", "g"], ["y"])], constants(g=gain), shape
     )
     image = restored(NOISE, model=path, order=order, layout=layout if told else "auto")
-    np.testing.assert_allclose(image, NOISE * (GAIN if order == "rgb" else GAIN[::-1]), atol=1e-6)
+    np.testing.assert_allclose(
+        image, NOISE * (GAIN if order == "rgb" else GAIN[::-1]), atol=1e-6
+    )
 
 
 def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: Path):
@@ -124,7 +130,10 @@ def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_pa
 
 
 def bad_model(kind: str, path: Path) -> None:
-    two, one = make_node("Add", ["x", "z"], ["y"]), make_node("ReduceMean", ["x"], ["y"], axes=[1])
+    two, one = (
+        make_node("Add", ["x", "z"], ["y"]),
+        make_node("ReduceMean", ["x"], ["y"], axes=[1]),
+    )
     open_shape = ("n", "c", "h", "w")
     match kind:
         case "no model":
@@ -185,7 +194,9 @@ def test_a_model_that_is_not_there_is_a_missing_file(tmp_path: Path):
 
 def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):
     path = onnx_file(
-        tmp_path / "two.onnx", [SAME, make_node("Neg", ["x"], ["minus"])], outputs=("y", "minus")
+        tmp_path / "two.onnx",
+        [SAME, make_node("Neg", ["x"], ["minus"])],
+        outputs=("y", "minus"),
     )
     np.testing.assert_allclose(restored(NOISE, model=path, output="minus"), -NOISE, atol=1e-6)
     with pytest.raises(InputError, match=r"'minos'; .*'minus'"):
@@ -211,7 +222,9 @@ def test_a_model_reads_weights_beside_it_and_no_file_outside_of_its_folder(tmp_p
     for place in (tmp_path, tmp_path / "models"):
         (place / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
     path = tmp_path / "models" / "m.onnx"
-    np.testing.assert_array_equal(restored(NOISE, model=with_weights_in("ones.bin", path)), NOISE)
+    np.testing.assert_array_equal(
+        restored(NOISE, model=with_weights_in("ones.bin", path)), NOISE
+    )
     for told in ("../ones.bin", str(tmp_path / "ones.bin")):
         with pytest.raises(InputError, match=r"m\.onnx: onnxruntime "):
             restored(NOISE, model=with_weights_in(told, path))

@@ -27,7 +27,9 @@ def test_tiles_of_an_unchanged_image_add_up_to_the_image(shape: tuple[int, int],
         sizes.append(x.shape[:2])
         return x
 
-    np.testing.assert_allclose(tiled([image], same, 64, 16, multiple, least=8), image, atol=1e-6)
+    np.testing.assert_allclose(
+        tiled([image], same, 64, 16, multiple, least=8), image, atol=1e-6
+    )
     assert all(8 <= n <= 64 and n % multiple == 0 for size in sizes for n in size)
 
 
@@ -49,7 +51,9 @@ def test_tiles_equal_the_whole_where_the_network_sees_no_further_than_a_quarter_
 
     def blur(x: np.ndarray) -> np.ndarray:  # sees 4 pixels to each side
         given = torch.from_numpy(x.transpose(2, 0, 1)[None].copy())
-        return torch.nn.functional.conv2d(given, kernel, padding=4)[0].numpy().transpose(1, 2, 0)
+        return (
+            torch.nn.functional.conv2d(given, kernel, padding=4)[0].numpy().transpose(1, 2, 0)
+        )
 
     image = RNG.random((70, 110, 3), dtype=np.float32)
     np.testing.assert_allclose(tiled([image], blur, 48, 16), blur(image), atol=1e-4)

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from support import lazy_torch as torch
-from support.made_networks import ARCHITECTURES, NOISE, empty_network, random_state, restored, saved
+from support.made_networks import (
+    ARCHITECTURES,
+    NOISE,
+    empty_network,
+    random_state,
+    restored,
+    saved,
+)
 from support.messages import refused
 
 from sucre_bench.errors import MissingFileError

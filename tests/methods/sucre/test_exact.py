@@ -24,9 +24,13 @@ pytestmark = pytest.mark.short
 WATERS = [
     WATER,
     # blue ocean
-    Water(np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])),
+    Water(
+        np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])
+    ),
     # turbid
-    Water(np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])),
+    Water(
+        np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])
+    ),
 ]
 
 
@@ -98,7 +102,9 @@ def differing(jitter: float, seed: int) -> Observations:
             :, observations.view
         ]
     )
-    return replace(observations, colour=observations.colour * np.exp(-more * observations.distance))
+    return replace(
+        observations, colour=observations.colour * np.exp(-more * observations.distance)
+    )
 
 
 @pytest.mark.parametrize(("jitter", "is_said"), [(0.0, False), (0.01, False), (0.1, True)])
@@ -152,7 +158,12 @@ def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
 def shaded() -> Observations:
     """A scene that the camera's carrier shades where it is near, which the free fit takes for a bright veil."""
     observations, _ = made(
-        20_000, distances_m=(1, 8), colours=(0.0, 0.5), n_single=5_000, noise=0.004, eight_bit=True
+        20_000,
+        distances_m=(1, 8),
+        colours=(0.0, 0.5),
+        n_single=5_000,
+        noise=0.004,
+        eight_bit=True,
     )
     light = 1 - 0.6 * np.exp(-observations.distance / 1.5)
     return replace(observations, colour=np.rint(observations.colour * light).astype(np.uint8))
@@ -162,7 +173,9 @@ def test_a_physical_fit_has_far_fewer_negative_colours() -> None:
     observations = shaded()
     free = solve_exact(observations)
     held = solve_exact(observations, physical=True)
-    below = [(-3 * np.maximum(one.deviation, 0.01) > one.J).mean(axis=1) for one in (free, held)]
+    below = [
+        (-3 * np.maximum(one.deviation, 0.01) > one.J).mean(axis=1) for one in (free, held)
+    ]
     assert (below[0] > 0.02).all()
     assert (below[1] < 0.2 * below[0]).all()
 
@@ -175,7 +188,9 @@ def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit
     np.testing.assert_allclose(table(held.water)[:, 0], TRUTH[:, 0], rtol=5e-3)
 
 
-def test_noise_with_heavy_tails_leaves_the_free_water_right_and_moves_the_physical_one() -> None:
+def test_noise_with_heavy_tails_leaves_the_free_water_right_and_moves_the_physical_one() -> (
+    None
+):
     """JPEG leaves errors in dark pixels, some far larger than most. So the judge has to choose between the two."""
     dark = {"distances_m": (2, 8), "colours": (0.0, 0.3)}
     sharp, _ = made(10_000, **dark)
@@ -193,7 +208,9 @@ def test_noise_with_heavy_tails_leaves_the_free_water_right_and_moves_the_physic
 
 
 def test_standard_errors_are_those_of_repeated_experiments() -> None:
-    fits = [fit(made(1_500, 6, distances_m=(2, 8), noise=0.01, seed=seed)[0]) for seed in range(24)]
+    fits = [
+        fit(made(1_500, 6, distances_m=(2, 8), noise=0.01, seed=seed)[0]) for seed in range(24)
+    ]
     spread = np.std([table(one.water) for one in fits], axis=0, ddof=1)
     claimed = np.mean([table(one.uncertainty.standard_error) for one in fits], axis=0)
     np.testing.assert_allclose(claimed / spread, 1, atol=0.45)  # of 24 draws: 15 % each
@@ -270,7 +287,9 @@ def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
 
 @pytest.mark.parametrize("channel", [0, 2])
 @pytest.mark.parametrize("level", [0, 255])
-def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(channel: int, level: int) -> None:
+def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(
+    channel: int, level: int
+) -> None:
     observations, _ = made(2_000, noise=0.004, eight_bit=True)
     colour = observations.colour.copy()
     colour[channel] = level

@@ -51,10 +51,17 @@ def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(
     assert matched[name].info["footprint"] is True
 
 
-def photographed(scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffix: str) -> Scene:
+def photographed(
+    scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffix: str
+) -> Scene:
     """The scene with other pictures, named with another suffix."""
     views = [
-        View(f"{k}{suffix}", Arrays(stored(view.rgb), view.depth), view.camera, view.cam_from_world)
+        View(
+            f"{k}{suffix}",
+            Arrays(stored(view.rgb), view.depth),
+            view.camera,
+            view.cam_from_world,
+        )
         for k, view in enumerate(scene.views)
     ]
     return Scene(scene.name, views, frozenset({"depth", "poses"}))
@@ -63,7 +70,9 @@ def photographed(scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffi
 def test_colours_that_a_jpeg_stores_at_half_size_leave_the_water_right() -> None:
     """Its detail of red is that of brightness, which water does not take away: beta was 20 % too high."""
     scene = degraded(make_ground(WATERS["green"], width=160, height=120), jpeg_quality=95)
-    assert np.abs(relative_error(sucre().restore(scene, scene["3.png"]), scene.water)).max() < 0.1
+    assert (
+        np.abs(relative_error(sucre().restore(scene, scene["3.png"]), scene.water)).max() < 0.1
+    )
 
 
 def test_light_that_is_cut_off_at_white_leaves_the_water_right() -> None:

@@ -90,12 +90,18 @@ def test_pictures_that_no_water_explains_stay_photographs(plain: Scene) -> None:
 
 @pytest.mark.parametrize(
     ("negative", "drift", "is_right"),
-    [((0.01, 0.0, 0.04), 3.0, True), ((0.0, 0.0, 0.33), 3.0, False), ((0.0, 0.0, 0.0), 8.0, False)],
+    [
+        ((0.01, 0.0, 0.04), 3.0, True),
+        ((0.0, 0.0, 0.33), 3.0, False),
+        ((0.0, 0.0, 0.0), 8.0, False),
+    ],
 )
 def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
     negative: tuple[float, ...], drift: float, is_right: bool
 ) -> None:
-    model = Judged(model="", held_out=0.1, negative=negative, drift=drift, drift_of_photograph=5.0)
+    model = Judged(
+        model="", held_out=0.1, negative=negative, drift=drift, drift_of_photograph=5.0
+    )
     assert is_admissible(model, 5.0) == is_right
     assert is_admissible(model, np.inf) == (is_right or drift > 5)
 
@@ -103,11 +109,29 @@ def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
 @pytest.mark.parametrize(
     ("held_out", "of_start", "grey", "drift", "chosen"),
     [
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 1.0, {Fit.FOOTPRINTS: 3}, Fit.FOOTPRINTS),
+        (
+            {Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45},
+            1.0,
+            1.0,
+            {Fit.FOOTPRINTS: 3},
+            Fit.FOOTPRINTS,
+        ),
         ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 1.0, 1.0, {Fit.FOOTPRINTS: 3}, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.50, Fit.EARLY: 0.45}, 0.46, 1.0, {Fit.FOOTPRINTS: 3}, Fit.FOOTPRINTS),
+        (
+            {Fit.FOOTPRINTS: 0.50, Fit.EARLY: 0.45},
+            0.46,
+            1.0,
+            {Fit.FOOTPRINTS: 3},
+            Fit.FOOTPRINTS,
+        ),
         ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 1.0, {Fit.FOOTPRINTS: 10}, Fit.EARLY),
-        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 1.0, 1.0, {Fit.FOOTPRINTS: 9}, Fit.FOOTPRINTS),
+        (
+            {Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45},
+            1.0,
+            1.0,
+            {Fit.FOOTPRINTS: 9},
+            Fit.FOOTPRINTS,
+        ),
         ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 0.46, 1.0, {Fit.FOOTPRINTS: 7}, Fit.NOTHING),
         ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 1.1, 1.0, {Fit.FOOTPRINTS: 7}, Fit.NOTHING),
         ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 1.1, 1.0, {Fit.FOOTPRINTS: 3}, Fit.NOTHING),

@@ -34,7 +34,8 @@ def rates(result: Restoration, truth: Water) -> np.ndarray:
     assert result.water is not None
     found = result.water
     return (
-        np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter]) - 1
+        np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter])
+        - 1
     )
 
 
@@ -85,7 +86,9 @@ def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(
     for result, name in zip(shared, ("2.png", "5.png"), strict=True):
         assert parts(result) == ["exposure", "lens"]
         assert np.abs(rates(result, WATERS["green"])).max() < 0.03
-        assert np.nanmedian(result.image / plain[name].reference) == pytest.approx(first, rel=0.02)
+        assert np.nanmedian(result.image / plain[name].reference) == pytest.approx(
+            first, rel=0.02
+        )
 
 
 def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
@@ -106,7 +109,9 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     y, x = np.mgrid[-1:1:120j, -1:1:160j]
     lens = 1 - 0.25 * (x * x + y * y)[..., None] / 2
     scene = with_light(plain, np.repeat(lens[None], 7, axis=0))
-    even, result = (sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
+    even, result = (
+        sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto")
+    )
     assert parts(result) == ["lens"]
     assert result.info["light"]["least"] == pytest.approx(
         1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02
@@ -161,13 +166,16 @@ def matched(exposed: Scene) -> Observations:
 
 
 @pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3), Parts(3, lens=True)])
-def test_derivatives_are_those_of_finite_differences(matched: Observations, which: Parts) -> None:
+def test_derivatives_are_those_of_finite_differences(
+    matched: Observations, which: Parts
+) -> None:
     problem = Problem(Sample.of(sampled(matched, 60, singles=False, seed=0), "3.png"), which)
     rng = np.random.default_rng(0)
     u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), rng.normal(0, 0.1, problem.size - 9)])
     system = problem.system(u)
     beside = [
-        (problem.system(u - step), problem.system(u + step)) for step in 1e-6 * np.eye(problem.size)
+        (problem.system(u - step), problem.system(u + step))
+        for step in 1e-6 * np.eye(problem.size)
     ]
     slope = np.array([lower.cost[0] - higher.cost[0] for lower, higher in beside]) / 4e-6
     second = np.array([lower.g[0] - higher.g[0] for lower, higher in beside]) / 2e-6
@@ -224,7 +232,12 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_
 def test_gains_of_views_that_are_no_positive_numbers_are_refused(
     plain: Scene, tmp_path: Path, gain: object
 ) -> None:
-    record = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3, "gains": {"3.png": gain}}
+    record = {
+        "B": [0.1, 0.2, 0.3],
+        "beta": [0.3] * 3,
+        "gamma": [0.3] * 3,
+        "gains": {"3.png": gain},
+    }
     (tmp_path / "3.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"3\.json: gains"):
         sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])

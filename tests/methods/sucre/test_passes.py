@@ -106,7 +106,9 @@ def held_cost(observations: Observations, c: int, water: np.ndarray, margin: flo
 
 
 @pytest.mark.parametrize("weights", [None, 1, 3])
-def test_the_system_is_that_of_the_full_jacobian_without_its_colours(weights: int | None) -> None:
+def test_the_system_is_that_of_the_full_jacobian_without_its_colours(
+    weights: int | None,
+) -> None:
     observations, _ = made(40, noise=0.02)
     if weights:
         weight = (
@@ -137,7 +139,9 @@ def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
             assert -2 * found.g[c, i] == pytest.approx(
                 (higher - lower) / (2 * step), rel=1e-4, abs=1e-5
             )
-        assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
+        assert found.cost[c] == pytest.approx(
+            held_cost(observations, c, ROWS[c], margin), rel=1e-9
+        )
 
 
 def test_K_is_minus_the_slope_of_g() -> None:
@@ -165,7 +169,9 @@ def test_float32_keeps_the_digits_of_the_system(
 ) -> None:
     observations = dark(distances_m=distances_m, n_single=50)
     # The subtracted form of H is wrong by a factor of 9 at 3 to 3.3 m.
-    assert_close(system(observations, backend, margin), system(observations, "numpy", margin), 1e-4)
+    assert_close(
+        system(observations, backend, margin), system(observations, "numpy", margin), 1e-4
+    )
 
 
 @pytest.mark.parametrize("backend", SINGLE)
@@ -246,7 +252,9 @@ def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> N
     assert len(without) == len(with_singles) - 200
     assert_close(system(with_singles, backend), system(without, backend), 1e-6)
     # With a margin that nothing falls short of they do take part, and still add nothing.
-    assert_close(system(with_singles, backend, np.full(3, 10.0)), system(without, backend), 1e-4)
+    assert_close(
+        system(with_singles, backend, np.full(3, 10.0)), system(without, backend), 1e-4
+    )
     assert (
         system(with_singles, backend, MARGIN).cost > system(without, backend, MARGIN).cost
     ).all()
@@ -299,7 +307,9 @@ def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
 def test_every_backend_restores_alike() -> None:
     scene = make_ground(WATERS["milky"], width=80, height=60)
     sucre: Any = partial(Sucre, light="even", footprint=True, physical=False, robust=False)
-    reference, *others = (sucre(backend=name).restore(scene, scene["3.png"]) for name in BACKENDS)
+    reference, *others = (
+        sucre(backend=name).restore(scene, scene["3.png"]) for name in BACKENDS
+    )
     for result in others:
         assert result.info["footprint"] is True
         found, exact = (table(parameters(one.water)) for one in (result, reference))

@@ -70,7 +70,9 @@ def test_where_no_pixel_is_seen_twice_nothing_is_looked_at() -> None:
 
 def test_the_running_median_finds_a_bend_that_the_spread_does_not() -> None:
     observations, J = made(25_000, noise=1e-3)
-    bent = observations.colour + np.where(observations.colour > 0.45, 0.02, 0).astype(np.float32)
+    bent = observations.colour + np.where(observations.colour > 0.45, 0.02, 0).astype(
+        np.float32
+    )
     left = residuals(replace(observations, colour=bent), J, parameters(WATER))["against_fit"][
         "green"
     ]
@@ -111,7 +113,9 @@ def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
 ONE_MODEL = {"light": "even", "footprint": True, "physical": False, "robust": False}
 
 
-@pytest.mark.parametrize(("method", "fast"), [("sucre", ONE_MODEL), ("sucre_paper", {"steps": 5})])
+@pytest.mark.parametrize(
+    ("method", "fast"), [("sucre", ONE_MODEL), ("sucre_paper", {"steps": 5})]
+)
 def test_methods_record_residuals(method: str, fast: dict[str, Any]) -> None:
     scene = make_scene()
     info = sb.restore(method, scene, scene["a.png"], **fast).info
@@ -124,6 +128,8 @@ def test_residuals_are_those_of_the_fit_not_of_the_refined_colours() -> None:
     told = []
     for refine in (False, True):
         told.append(
-            sb.restore("sucre", scene, scene["a.png"], refine=refine, **ONE_MODEL).info["residuals"]
+            sb.restore("sucre", scene, scene["a.png"], refine=refine, **ONE_MODEL).info[
+                "residuals"
+            ]
         )
     assert told[0] == told[1]

@@ -31,7 +31,9 @@ def two_views(gain: float) -> tuple[Observations, np.ndarray]:
         B, beta, gamma = WATER_OF_ALL.columns()
         I = factor * (J[:, chosen] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
         I += rng.normal(0, 0.004, I.shape)
-        seen.append(Seen(name, chosen, np.full(len(chosen), z, np.float32), I.T.astype(np.float32)))
+        seen.append(
+            Seen(name, chosen, np.full(len(chosen), z, np.float32), I.T.astype(np.float32))
+        )
     observations = arrange(SHAPE, seen, with_view=True)
     return observations, J[:, observations.pixels]
 
@@ -89,7 +91,10 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
                 rgb[row : row + 15, column : column + 20] = 0.8
         views.append(
             View(
-                view.name, Arrays(rgb, view.depth, view.reference), view.camera, view.cam_from_world
+                view.name,
+                Arrays(rgb, view.depth, view.reference),
+                view.camera,
+                view.cam_from_world,
             )
         )
     scene = Scene(clean.name, views, clean.has, clean.water)
@@ -99,6 +104,8 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
             Sucre(robust=True, light="even", footprint=True, physical=False, **options),
             scene["3.png"],
         )
-        return float(np.sqrt(np.nanmean((method.restore(scene, view).image - view.reference) ** 2)))
+        return float(
+            np.sqrt(np.nanmean((method.restore(scene, view).image - view.reference) ** 2))
+        )
 
     assert error(refine=True) < 1.05 * error()

@@ -23,7 +23,9 @@ def observed(sigma: float, tau: float) -> tuple[Observations, np.ndarray, np.nda
     near = np.arange(N) % 2 == 0
     for k in range(5):
         chosen = np.flatnonzero(rng.random(N) < 0.7) if k else np.arange(N)
-        z = np.where(near[chosen], rng.uniform(1, 3, len(chosen)), rng.uniform(5, 9, len(chosen)))
+        z = np.where(
+            near[chosen], rng.uniform(1, 3, len(chosen)), rng.uniform(5, 9, len(chosen))
+        )
         shown = J[:, chosen] + tau * rng.standard_normal((3, len(chosen)))
         I = shown * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))
         I += sigma * rng.standard_normal(I.shape)
@@ -40,7 +42,8 @@ def test_deviations_are_those_of_near_and_of_far_colours(sigma: float, tau: floa
     )
     for which in (near, ~near):
         error, told = (
-            np.sqrt(np.mean(v[:, which] ** 2, axis=1)) for v in (solution.J - J, solution.deviation)
+            np.sqrt(np.mean(v[:, which] ** 2, axis=1))
+            for v in (solution.J - J, solution.deviation)
         )
         np.testing.assert_allclose(error, told, rtol=0.12)
 
@@ -81,7 +84,9 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
     solution = calibrated(observations, found)
     for which in (near, ~near):
         several = which & (observations.counts >= 3)
-        error = np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745  # of a normal error
+        error = (
+            np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745
+        )  # of a normal error
         np.testing.assert_allclose(
             error, np.median(solution.deviation[:, several], axis=1), rtol=0.2
         )
@@ -101,7 +106,9 @@ def ground(seed: int = 0) -> np.ndarray:
 
 
 def with_noise(J: np.ndarray, deviation: np.ndarray, seed: int = 1) -> np.ndarray:
-    return (J + deviation * np.random.default_rng(seed).standard_normal(J.shape)).astype(np.float32)
+    return (J + deviation * np.random.default_rng(seed).standard_normal(J.shape)).astype(
+        np.float32
+    )
 
 
 def test_noise_of_red_falls_and_red_things_stay_red() -> None:

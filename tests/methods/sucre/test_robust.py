@@ -28,7 +28,9 @@ def spoilt(
     return replace(observations, colour=colour), wrong
 
 
-def psnr(observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray) -> float:
+def psnr(
+    observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray
+) -> float:
     with opened(observations, "numpy", "cpu") as kernel:
         mine, _ = kernel.colours(found.water, np.full(3, NOISE), np.zeros((3, 3, 3)))
     return float(-10 * np.log10(((mine - J)[:, pixels] ** 2).mean()))
@@ -68,7 +70,9 @@ def test_the_weight_of_two_is_that_of_their_difference() -> None:
     observations, _ = made(1, n_views=2, distances_m=(2, 5), seed=1)
     z = observations.distance.astype(np.float64)
     a = np.exp(-TRUE.beta[0] * z)
-    off = 3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)  # of the second, from what the first foretells
+    off = (
+        3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)
+    )  # of the second, from what the first foretells
     colour = observations.colour.copy()
     colour[0, 1] += off
     weight = reweighted(replace(observations, colour=colour), TRUE, np.full(3, 0.01)).weight

@@ -76,14 +76,18 @@ def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
 def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
     content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
     (tmp_path / "a.json").write_text(json.dumps(content))
-    np.savez(tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()})
+    np.savez(
+        tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()}
+    )
     true = Sucre(water="truth").restore(SCENE, TARGET)
     dotted = replace(TARGET, name="left/a.0001.png")
     (tmp_path / "left").mkdir()
     (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
     # another image's
     (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))
-    scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
+    scene = replace(
+        SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)]
+    )
     np.testing.assert_array_equal(
         Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0]
     )
@@ -95,7 +99,9 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("source", ["", "reef", "reef/a.json"])
 @pytest.mark.parametrize("is_stale", [False, True])
-def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_stale: bool) -> None:
+def test_water_comes_from_the_records_of_a_run(
+    tmp_path: Path, source: str, is_stale: bool
+) -> None:
     """Of all views, of a scene's, and of one view; before what an earlier version wrote beside the picture."""
     folder, scene = tmp_path / "restored" / "sea" / "other", replace(SCENE, name="reef")
     content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
@@ -219,7 +225,9 @@ def test_shared_water_is_fitted_once_and_the_same_for_every_view(
     whole = Dive.spread
     monkeypatch.setattr(Dive, "spread", lambda *a: calls.append(1) or whole(*a))
     scene = replace(SCENE)
-    waters = [as_array(sucre(water="shared").restore(scene, view).water) for view in scene.views]
+    waters = [
+        as_array(sucre(water="shared").restore(scene, view).water) for view in scene.views
+    ]
     assert len(calls) == 1
     assert all(np.array_equal(water, waters[0]) for water in waters)
     assert not np.array_equal(as_array(sucre().restore(scene, TARGET).water), waters[0])
@@ -236,7 +244,8 @@ def test_linear_encoding_finds_water_that_acts_on_linear_light(plain: Restoratio
     )
     dry = make_scene_without_water()
     errors = [
-        np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)
+        np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2))
+        for r in (linear, as_stored)
     ]
     assert errors[0] < 0.6 * errors[1]
     np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
@@ -272,7 +281,8 @@ def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left()
     rng = np.random.default_rng(0)
     truth = coloured_surfaces(rng, 40_000)
     deviation = (
-        np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3) * np.array([1.5, 1.0, 1.0])[:, None]
+        np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3)
+        * np.array([1.5, 1.0, 1.0])[:, None]
     )
     J = truth + deviation * rng.standard_normal(truth.shape)
     shrunk, left = shrunk_to_the_mean(J, deviation)
@@ -280,7 +290,9 @@ def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left()
     assert np.abs(shrunk - J)[:, sure].max() < 0.01
     error = shrunk - truth
     assert error[:, ~sure].std() < 0.5 * (J - truth)[:, ~sure].std()
-    np.testing.assert_allclose(left[:, ~sure].mean(axis=1), error[:, ~sure].std(axis=1), rtol=0.15)
+    np.testing.assert_allclose(
+        left[:, ~sure].mean(axis=1), error[:, ~sure].std(axis=1), rtol=0.15
+    )
 
 
 def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay() -> None:

@@ -26,12 +26,16 @@ FEW = SucrePaper(steps=12, device="cpu")
 START = np.full((3, 3), 0.1)  # rows B, beta, gamma
 
 
-def made_observations(n_pixels: int = 60, noise: float = 0.0) -> tuple[Observations, np.ndarray]:
+def made_observations(
+    n_pixels: int = 60, noise: float = 0.0
+) -> tuple[Observations, np.ndarray]:
     """Pixels seen 1 to 6 times at 1 to 10 m in the made water, the last ten once only; and their colours (3, P)."""
     return made(n_pixels, 6, noise=noise, n_single=10)
 
 
-def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tensor) -> torch.Tensor:
+def squared_error(
+    observations: Observations, J: torch.Tensor, water: torch.Tensor
+) -> torch.Tensor:
     """Eq. 7 for each channel (3,), written down as it stands, float64."""
     place, z, I = (torch.from_numpy(x) for x in flat(observations))
     B, beta, gamma = water[..., None]
@@ -40,18 +44,27 @@ def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tens
 
 
 def naive_adam(
-    observations: Observations, J: np.ndarray, steps: int, *, rows: int = 3, divided_by: float = 1.0
+    observations: Observations,
+    J: np.ndarray,
+    steps: int,
+    *,
+    rows: int = 3,
+    divided_by: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Adam on eq. 7 by automatic differentiation, float64, full batch: J and water of the last iterate.
 
     rows: of the water, 2 for eq. 1: B and its one coefficient.
     """
-    unknowns = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (J, START[:rows])]
+    unknowns = [
+        torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (J, START[:rows])
+    ]
     optimiser = torch.optim.Adam(unknowns, lr=0.05)
     for _ in range(steps):
         optimiser.zero_grad()
         J_now, water = unknowns
-        (squared_error(observations, J_now, water[[0, 1, rows - 1]]).sum() / divided_by).backward()
+        (
+            squared_error(observations, J_now, water[[0, 1, rows - 1]]).sum() / divided_by
+        ).backward()
         optimiser.step()
     return unknowns[0].detach().numpy(), unknowns[1].detach().numpy()
 
@@ -120,7 +133,9 @@ def test_the_defaults_are_the_papers_settings() -> None:
     restored = SucrePaper(device="cpu").restore(SCENE, TARGET)
     observations = observe(TARGET, SCENE.views)
     J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 200)
-    np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
+    np.testing.assert_allclose(
+        restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6
+    )
     np.testing.assert_allclose(restored.water.veiling_light, water[0], atol=5e-6)
     np.testing.assert_allclose(restored.water.attenuation, water[1], atol=5e-6)
     np.testing.assert_allclose(restored.water.backscatter, water[2], atol=5e-6)
@@ -131,7 +146,9 @@ def test_the_mean_objective_is_adam_on_the_sum_divided_by_3_n() -> None:
     observations = observe(TARGET, SCENE.views)
     J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T
     J, _ = naive_adam(observations, J0, 200, divided_by=3 * len(observations))
-    np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
+    np.testing.assert_allclose(
+        restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6
+    )
     # even here, with 7,000 observations
     assert np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4
 
@@ -142,7 +159,9 @@ def test_one_coefficient_is_adam_on_eq_1() -> None:
     J, water = naive_adam(
         observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 30, rows=2
     )
-    np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
+    np.testing.assert_allclose(
+        restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6
+    )
     np.testing.assert_allclose(restored.water.attenuation, water[1], atol=5e-6)
     assert (restored.water.backscatter == restored.water.attenuation).all()
 
@@ -199,7 +218,9 @@ def test_divergence_is_an_error_that_names_the_remedy() -> None:
         SucrePaper(steps=5, lr=1000.0, device="cpu").restore(SCENE, TARGET)
 
 
-@pytest.mark.parametrize("options", [{"steps": 0}, {"lr": 0.0}, {"lr": -1.0}, {"lr": float("nan")}])
+@pytest.mark.parametrize(
+    "options", [{"steps": 0}, {"lr": 0.0}, {"lr": -1.0}, {"lr": float("nan")}]
+)
 def test_options_that_make_no_sense_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(InputError, match="positive"):
         SucrePaper(**options)

@@ -14,7 +14,9 @@ from sucre_bench.methods.sucre.solution import colours_for_water
 
 # A survey close above flat ground: distances hardly differ, so that B and gamma are known as a product at most.
 SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}
-CLEAR = Water(np.array([0.2, 0.3, 0.35]), np.array([0.3, 0.15, 0.12]), np.array([0.25, 0.15, 0.12]))
+CLEAR = Water(
+    np.array([0.2, 0.3, 0.35]), np.array([0.3, 0.15, 0.12]), np.array([0.25, 0.15, 0.12])
+)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

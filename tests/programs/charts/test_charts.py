@@ -50,7 +50,9 @@ def board_view(
     u, v = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
     rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T
     world_from_cam = np.linalg.inv(pose)
-    depth = normal @ (BOARD[0] - world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ normal)
+    depth = (
+        normal @ (BOARD[0] - world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ normal)
+    )
     corners = true_corners(camera, pose)
     rgb = 0.1 + painted(chart_kind("dgk"), corners, (180, 240)) * np.array([0.2, 0.6, 0.7])
     if wall_m is not None:
@@ -161,7 +163,10 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
     file.confirm("b.png", [file.chart("b.png", "three", "dgk", TILTED.tolist())])
     file.save()
     content = json.loads(path.read_text())
-    assert (content["note"], content["images"]["a.png"]) == ("by hand", {"one": TILTED.tolist()})
+    assert (content["note"], content["images"]["a.png"]) == (
+        "by hand",
+        {"one": TILTED.tolist()},
+    )
     again = ChartsFile(path, sizes)
     assert [(c.name, c.kind) for c in again.confirmed("b.png")] == [("three", "dgk")]
     assert [p.chart.name for p in again.proposed("b.png")] == ["one"], "two was turned down"
@@ -177,7 +182,10 @@ def _proposal(view: str, name: str) -> Any:
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[PageServer]:
-    views = [board_view("a <b>.png", (0, 0, 0)), board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1)]
+    views = [
+        board_view("a <b>.png", (0, 0, 0)),
+        board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1),
+    ]
     file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in views})
     with PageServer(Session(views, file, "dgk")) as running:
         thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
@@ -212,7 +220,8 @@ def test_four_corners_are_checked_saved_and_carried_over(
     assert seen["rectified"].startswith("data:image/png;base64,")
     turned = json.loads(
         get(
-            server.url + "check", {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]}
+            server.url + "check",
+            {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]},
         )[1]
     )
     assert re.search("bottom right .*top left", turned["fault"])
@@ -258,7 +267,8 @@ def test_only_this_machines_page_is_answered(server: PageServer) -> None:
     assert get(server.url + "save", {"number": 0, "charts": [], "path": "/tmp/x"})[0] == 400
     assert get(server.url + "check", "[" * 100_000, raw=True)[0] == 400, "nested too deeply"
     status, said = get(
-        server.url + "check", {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()}
+        server.url + "check",
+        {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()},
     )
     assert (status, b"is not the page's" in said) == (422, True)
 
@@ -277,7 +287,12 @@ def test_the_page_takes_nothing_from_elsewhere(server: PageServer) -> None:
 def test_a_wrong_chart_is_refused_and_nothing_is_written(
     server: PageServer, tmp_path: Path
 ) -> None:
-    for corners in (TILTED[::-1].tolist(), [[0, 0]] * 4, "x", [[-5, 0], [9, 0], [9, 9], [0, 9]]):
+    for corners in (
+        TILTED[::-1].tolist(),
+        [[0, 0]] * 4,
+        "x",
+        [[-5, 0], [9, 0], [9, 9], [0, 9]],
+    ):
         chart = {"name": "c", "kind": "dgk", "corners": corners}
         assert get(server.url + "save", {"number": 0, "charts": [chart]})[0] == 422
     assert not (tmp_path / "charts.json").exists()
@@ -320,7 +335,13 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
 
 def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", np.rint(255 * colorchecker()).astype(np.uint8))
-    words = ["dataset=photos", f"dataset.root={tmp_path}", "--kind", "colorchecker24", "--accept"]
+    words = [
+        "dataset=photos",
+        f"dataset.root={tmp_path}",
+        "--kind",
+        "colorchecker24",
+        "--accept",
+    ]
     result = CliRunner().invoke(charts, words, catch_exceptions=False)
     assert "1 proposal accepted, 0 left" in result.output
     (view,) = next(sb.load_scenes("photos", root=tmp_path))
@@ -351,7 +372,9 @@ def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: P
     """Of SQUID it lies in the folder of an image set, and its root is that of many."""
     write_image(tmp_path / "set" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
     write_image(tmp_path / "D5" / "Raw" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
-    result = CliRunner().invoke(charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"])
+    result = CliRunner().invoke(
+        charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"]
+    )
     assert isinstance(result.exception, InputError)
     assert re.search(r"'seathru' .*charts\.json", str(result.exception))
     assert not list(tmp_path.rglob("charts.json"))
@@ -370,7 +393,9 @@ def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> N
     bad = replace(
         board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180))
     )
-    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)})
+    file = ChartsFile(
+        tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)}
+    )
     file.confirm("a.png", views[0].charts)
     session = Session([bad], file, "dgk", views)
     session.prepare()

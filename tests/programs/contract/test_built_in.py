@@ -102,10 +102,10 @@ def test_importing_every_plugin_brings_nothing_heavy() -> None:
     (package,) = {plugin.cls.__module__.partition(".")[0] for plugin in ALL}
     modules = sorted({plugin.cls.__module__ for plugin in ALL})
     code = f"import sys, importlib; import {package}.plugins; known = set(sys.modules)\n"
-    code += (
-        f"for name in {modules}: importlib.import_module(name)\nprint(*(set(sys.modules) - known))"
+    code += f"for name in {modules}: importlib.import_module(name)\nprint(*(set(sys.modules) - known))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     heavy = {
         "torch",
         "jax",
@@ -128,7 +128,9 @@ def test_no_room_names_a_plugin() -> None:
     """
     engine = Path(sucre_bench.__file__).parent
     names = {p.name for kind in KINDS for p in built_in(kind)} - ORDINARY_WORDS
-    quoted = re.compile(rf"""["'`]({"|".join(names)})["'`:]""")  # parsing every file takes seconds
+    quoted = re.compile(
+        rf"""["'`]({"|".join(names)})["'`:]"""
+    )  # parsing every file takes seconds
     plugin_folders = {"methods", "metrics", "datasets", "conf", "commands"}
     for path in engine.rglob("*"):
         room = path.relative_to(engine).parts[0]

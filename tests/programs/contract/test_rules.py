@@ -95,17 +95,15 @@ def broken(
     )
     said: dict[str, str] = {}
     for one in check(subject, lasting=False):
-        lines = [text for level, text in one.findings if level == "breach"] + [one.skipped] * bool(
+        lines = [text for level, text in one.findings if level == "breach"] + [
             one.skipped
-        )
+        ] * bool(one.skipped)
         said |= {one.name: "\n".join(lines)} if lines else {}
     return said
 
 
 GOOD = "image = view.rgb * np.float32(self.gain)\n"
-FADED = (
-    "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
-)
+FADED = "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
 HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(0.5 * view.depth)[..., None], np.nan)\n"
 JUDGED = "{'reference'}"
 
@@ -282,7 +280,9 @@ def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None
     assert {"default", "type"} <= names(found["is_described"])
 
 
-def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
+def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(
+    tmp_path: Path,
+) -> None:
     asking = METHOD.replace("= 1.0", "")
     found = broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
     # once
@@ -350,7 +350,12 @@ def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, body, needs="()")
     done = run(str(path), "method.gain=0.5", "--quick", "--json")
     (told,) = json.loads(done.stdout)
-    assert (told["kind"], told["name"], told["ok"], done.exit_code) == ("method", "tried", True, 0)
+    assert (told["kind"], told["name"], told["ok"], done.exit_code) == (
+        "method",
+        "tried",
+        True,
+        0,
+    )
     assert {rule["status"] for rule in told["rules"]} == {"kept"}
     assert run(str(path), "--quick").exit_code == 1
 

@@ -31,7 +31,9 @@ def new(*arguments: str) -> Result:
 def pytest_in(folder: Path, *arguments: str, **environment: str) -> str:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-W", "error", *arguments]
     env = {"PATH": "", **environment}
-    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=folder, env=env, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout
     return done.stdout
 
@@ -91,14 +93,19 @@ def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder:
 
 def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
     for name in "ab":
-        write_image(folder / "dive" / "images" / f"{name}.png", np.full((30, 40, 3), 90, np.uint8))
+        write_image(
+            folder / "dive" / "images" / f"{name}.png", np.full((30, 40, 3), 90, np.uint8)
+        )
     for kind in plugins.KINDS:
         lines = dict(
-            line.split(maxsplit=1) for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:]
+            line.split(maxsplit=1)
+            for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:]
         )
         assert list(lines) == ["check", "test", "run"]
         for line, more in ((lines["run"], "--cfg"), (lines["check"], "--quick")):
-            done = CliRunner().invoke(cli, [*shlex.split(line.replace("=DIR", "=dive"))[1:], more])
+            done = CliRunner().invoke(
+                cli, [*shlex.split(line.replace("=DIR", "=dive"))[1:], more]
+            )
             assert done.exit_code == 0, done.output
             assert " kept" in done.stdout or more == "--cfg"
 
@@ -114,7 +121,9 @@ def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
         ("method", "numpy", "my_numpy"),
     ],
 )
-def test_names_that_cannot_be_are_refused(folder: Path, kind: str, name: str, named: str) -> None:
+def test_names_that_cannot_be_are_refused(
+    folder: Path, kind: str, name: str, named: str
+) -> None:
     assert {name, named} <= names(new(kind, name).exception)
     assert not list(folder.iterdir())
 

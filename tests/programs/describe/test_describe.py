@@ -39,7 +39,9 @@ def kinds(views: Sequence[View]) -> list[tuple[str, ...]]:
     return [(fault.kind, *fault.views) for fault in found(views)]
 
 
-def with_planes(view: View, rgb: np.ndarray | None = None, depth: np.ndarray | None = None) -> View:
+def with_planes(
+    view: View, rgb: np.ndarray | None = None, depth: np.ndarray | None = None
+) -> View:
     return replace(
         view,
         pixels=Arrays(view.rgb if rgb is None else rgb, view.depth if depth is None else depth),
@@ -68,7 +70,10 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
 @pytest.mark.parametrize(
     ("spoil", "kind"),
     [
-        (lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)), "inverted poses"),
+        (
+            lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)),
+            "inverted poses",
+        ),
         (
             lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world),
             "OpenGL poses",
@@ -76,7 +81,9 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
         (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
         (
-            lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)),
+            lambda v: with_planes(
+                v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)
+            ),
             "distance for depth",
         ),
         (
@@ -145,7 +152,9 @@ def test_missing_poses_and_depth_and_twins_are_named() -> None:
     views = list(make_scene().views)
     bare = replace(views[0], pixels=Arrays(views[0].rgb), cam_from_world=None)
     assert kinds([bare, *views[1:]]) == [("no pose", "near.png"), ("no depth", "near.png")]
-    assert kinds([*views, replace(views[1], name="copy.png")]) == [("twins", "a.png", "copy.png")]
+    assert kinds([*views, replace(views[1], name="copy.png")]) == [
+        ("twins", "a.png", "copy.png")
+    ]
     twins = [replace(views[1], name=f"{n}.png", pixels=_moved(views[1])) for n in range(2)]
     painted_alike = [
         with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000))
@@ -158,7 +167,9 @@ def test_a_view_that_no_other_overlaps_and_one_with_little_depth_are_named() -> 
     views = list(make_scene().views)
     away = np.array(views[0].cam_from_world)
     away[0, 3] += 80
-    assert ("view alone", "near.png") in kinds([*views[1:], replace(views[0], cam_from_world=away)])
+    assert ("view alone", "near.png") in kinds(
+        [*views[1:], replace(views[0], cam_from_world=away)]
+    )
     views[1] = with_planes(views[1], depth=np.where(np.arange(60) < 9, views[1].depth, 0))
     assert ("little depth", "a.png") in kinds(views)
 
@@ -223,7 +234,13 @@ def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
 
 def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Path) -> None:
     root = write_dive(tmp_path / "dive")
-    words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"), "--force")
+    words = (
+        "colmap",
+        f"dataset.root={root}",
+        "--sheet",
+        str(tmp_path / "sheet.jpg"),
+        "--force",
+    )
     assert "m (1, 50, 99 %)" in run(*words)[1]
     (root / "prepare.json").write_text(
         json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}})
@@ -274,7 +291,9 @@ Bench = Callable[..., Done]
 
 
 def spread(*heights_m: float) -> Spread:
-    found = spread_of(make_ground(WATERS["coast"], heights_m=heights_m, width=60, height=45).views)
+    found = spread_of(
+        make_ground(WATERS["coast"], heights_m=heights_m, width=60, height=45).views
+    )
     assert found
     return found
 
@@ -296,7 +315,9 @@ def test_describe_and_run_say_it_first_and_a_prepared_scene_needs_no_prepare(
     tmp_path: Path, bench: Bench
 ) -> None:
     dive = write_dive(tmp_path / "dive")
-    (dive / "prepare.json").write_text(json.dumps({"scale": {"is_metric": True, "note": "given"}}))
+    (dive / "prepare.json").write_text(
+        json.dumps({"scale": {"is_metric": True, "note": "given"}})
+    )
     for depth in (dive / "depths").iterdir():
         depth.write_bytes((depth.parent / "depth_a.png").read_bytes())
     done = bench("describe", "./dive", "--no-sheet")

@@ -33,7 +33,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "method.gain=0.5,0.75,1.0",
         "metrics=[redness]",
     )
-    asked = ("--methods", ",".join(SCORES), "--out", "study.html", "--question", "<b>Better?</b>")
+    asked = (
+        "--methods",
+        ",".join(SCORES),
+        "--out",
+        "study.html",
+        "--question",
+        "<b>Better?</b>",
+    )
     for words in (
         (
             "run",
@@ -71,7 +78,9 @@ def seen_anew(browser: Browser, folder: Path, seed: int) -> None:
 def whose(folder: Path) -> dict[str, str]:
     """The method of each picture, from the study's key."""
     (key,) = (folder / "results" / "people").glob("*.json")
-    return {name: one["method"] for name, one in json.loads(key.read_text())["pictures"].items()}
+    return {
+        name: one["method"] for name, one in json.loads(key.read_text())["pictures"].items()
+    }
 
 
 def judge(
@@ -178,9 +187,7 @@ def test_votes_outlive_the_page_and_can_be_undone(browser: Browser, folder: Path
 
 
 def test_pictures_are_zoomed_in_step(browser: Browser, folder: Path):
-    looks = (
-        "['left', 'right'].map((side) => document.querySelector(`#${side} img`).style.transform)"
-    )
+    looks = "['left', 'right'].map((side) => document.querySelector(`#${side} img`).style.transform)"
     left, top, width, height = browser.place("#left")
     browser.wheel((left + width / 4, top + height / 4), -600)
     browser.until(f"{looks}[0].includes('scale') && !{looks}[0].includes('scale(1)')")

@@ -37,7 +37,9 @@ def results_folder(toys: str, tmp_path: Path) -> Path:
     return tmp_path / "results"
 
 
-def test_no_picture_shows_holes(bench: Callable[..., Any], results_folder: Path, tmp_path: Path):
+def test_no_picture_shows_holes(
+    bench: Callable[..., Any], results_folder: Path, tmp_path: Path
+):
     asked = ("study", "results", "--methods", "gain,left_half,middle", "--out")
     assert bench(*asked, "common.html").returncode == 0
     common = first_view(results_folder, tmp_path / "common.html")
@@ -58,7 +60,9 @@ def test_a_method_that_fills_next_to_nothing_is_left_out_and_named(
         "left_half.stop=0.1",
         multirun=True,
     )
-    made = bench("study", "results", "--methods", "gain,left_half,middle", "--out", "study.html")
+    made = bench(
+        "study", "results", "--methods", "gain,left_half,middle", "--out", "study.html"
+    )
     assert made.returncode == 0
     assert "left_half" in made.stdout
     assert set(first_view(tmp_path / "results", tmp_path / "study.html")) == {"gain", "middle"}

@@ -38,9 +38,11 @@ def test_of_two_methods_the_score_is_the_log_odds_of_the_votes():
 def test_ties_draw_scores_together():
     none = np.zeros(40, int)
     few, many = (
-        fit(Votes(2, none, none + 1, np.array([1.0] * 20 + [0.0] * 5 + [0.5] * ties), none, none))[
-            0
-        ]
+        fit(
+            Votes(
+                2, none, none + 1, np.array([1.0] * 20 + [0.0] * 5 + [0.5] * ties), none, none
+            )
+        )[0]
         for none, ties in ((none[:27], 2), (none, 15))
     )
     assert 0 < many < few
@@ -79,7 +81,9 @@ def test_intervals_need_30_votes_of_6_people(won: list[float], n_observers: int,
     )
     assert want in found.want
     assert bool(found.want) == bool(want)
-    assert np.isfinite([*found.low, *found.high, *found.difference(0, 1)[1:]]).all() != bool(want)
+    assert np.isfinite([*found.low, *found.high, *found.difference(0, 1)[1:]]).all() != bool(
+        want
+    )
 
 
 def test_votes_that_all_agree_have_the_interval_of_firths_method():
@@ -110,7 +114,8 @@ def test_krippendorffs_alpha_is_the_published_one():
         [1, 2, 3, 3, 2, 4, 4, 1, 2, 5, 1, missing],
     ]
     units = [
-        [float(value) for value in unit if value is not None] for unit in zip(*raters, strict=True)
+        [float(value) for value in unit if value is not None]
+        for unit in zip(*raters, strict=True)
     ]
     assert krippendorff(units) == pytest.approx(0.849, abs=5e-4)
     assert krippendorff([[1.0, 1.0], [0.0, 0.0]]) == 1

@@ -57,9 +57,13 @@ def write(path: Path, study: dict[str, Any], votes: Any, **other: Any) -> str:
     return str(path)
 
 
-def files_of_six(tmp_path: Path, study: dict[str, Any], n: int = 6, against: int = 1) -> list[str]:
+def files_of_six(
+    tmp_path: Path, study: dict[str, Any], n: int = 6, against: int = 1
+) -> list[str]:
     """Files of six observers with so many votes each for the bright pictures, some of them against."""
-    votes = [vote(study, k, f"v{k % 3}.png", "right" if k < against else "left") for k in range(n)]
+    votes = [
+        vote(study, k, f"v{k % 3}.png", "right" if k < against else "left") for k in range(n)
+    ]
     return [write(tmp_path / f"{name}.json", study, votes, observer=name) for name in "abcdef"]
 
 
@@ -127,7 +131,9 @@ def test_a_vote_counts_once(bench: Bench, study: dict[str, Any], tmp_path: Path)
     told, said = evaluated(bench, files[0], contradicting)
     assert told["votes"] == 10
     assert "contradict" in said
-    told, _ = evaluated(bench, files[0], write(tmp_path / "d.json", study, early, observer="o2"))
+    told, _ = evaluated(
+        bench, files[0], write(tmp_path / "d.json", study, early, observer="o2")
+    )
     assert (told["votes"], told["observers"]) == (20, 2)
 
 
@@ -144,7 +150,9 @@ def test_what_is_no_vote_is_named_and_the_others_count(
     assert sum(int(line.split(": ")[1].split()[0]) for line in said.splitlines()) == len(bad)
 
 
-def test_files_that_hold_no_votes_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
+def test_files_that_hold_no_votes_are_named(
+    bench: Bench, study: dict[str, Any], tmp_path: Path
+):
     texts = [
         "",
         "no JSON",

@@ -106,7 +106,9 @@ def errors(out: Path) -> dict[str, Array]:
 def colmap(dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A COLMAP model of the photos with their distorting camera, true poses, and points."""
     out = tmp_path_factory.mktemp("colmap") / "out"
-    prepare(dive / "photos", out, Options(model=dive / "transforms.json", mesh=dive / "valley.ply"))
+    prepare(
+        dive / "photos", out, Options(model=dive / "transforms.json", mesh=dive / "valley.ply")
+    )
     return next((out / ".prepare").glob("model-*/usual/model"))
 
 
@@ -142,12 +144,17 @@ def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is
     for i in range(2):
         write(tmp_path / "others" / f"x{i}.png", photograph(POSES[0]))
     with pytest.raises(InputError, match=r"sparse: none of its 4 images .*0\.png.*; "):
-        prepare(tmp_path / "others", tmp_path / "none", Options(model=tmp_path / "out" / "sparse"))
+        prepare(
+            tmp_path / "others", tmp_path / "none", Options(model=tmp_path / "out" / "sparse")
+        )
     points = tmp_path / "out/sparse/points3D.bin"
     points.write_bytes(points.read_bytes()[:5000])
     with pytest.raises(InputError, match=r"points3D\.bin: breaks off.*; "):
         prepare(
-            tmp_path / "out/images", tmp_path / "again", Options(model=points.parent), again=True
+            tmp_path / "out/images",
+            tmp_path / "again",
+            Options(model=points.parent),
+            again=True,
         )
 
 
@@ -209,9 +216,10 @@ def test_maps_of_a_network_are_fitted_and_those_that_do_not_fit_are_named(
         (folder / "3.npz").unlink()
     done = prepare(dive / "photos", tmp_path / "out", Options(model=colmap, depth=folder))
     covered = [q.coverage > 0.9 for q in done.qualities]
-    assert covered == {"disparity": [True, False, False, True], "depth": [True] * 3 + [False]}.get(
-        kind, [True] * 4
-    )
+    assert covered == {
+        "disparity": [True, False, False, True],
+        "depth": [True] * 3 + [False],
+    }.get(kind, [True] * 4)
     named = " ".join(done.warnings)
     assert all((f"{i}.png" in named) != covered[i] for i in range(4))
     for off in errors(tmp_path / "out").values():

@@ -38,9 +38,15 @@ from sucre_bench.programs.prepare.surface import fused
         ((), r"no photos; .*two"),
         (("a.png",), r"one photo; .*two"),
         (("a.png", "text.jpg"), r"one photo .*\(text\.jpg .*image\); .*two"),
-        (("cut.jpg", "text.png"), r"no photos .*\(cut\.jpg .*truncated.*; text\.png .*\); .*two"),
+        (
+            ("cut.jpg", "text.png"),
+            r"no photos .*\(cut\.jpg .*truncated.*; text\.png .*\); .*two",
+        ),
         (("a.png", "cut.png"), r"one photo .*\(cut\.png .*cut.*\); .*two"),
-        (("cut.png", "cut.jpg", "cut 2.jpg"), r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two"),
+        (
+            ("cut.png", "cut.jpg", "cut 2.jpg"),
+            r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two",
+        ),
     ],
 )
 def test_too_few_photos_are_an_error_that_names_the_damaged(
@@ -51,7 +57,9 @@ def test_too_few_photos_are_an_error_that_names_the_damaged(
         file = tmp_path / "photos" / name
         write(file, photograph(POSES[0]))
         if not name.startswith("a"):
-            file.write_bytes(b"no image" if name.startswith("text") else file.read_bytes()[:1000])
+            file.write_bytes(
+                b"no image" if name.startswith("text") else file.read_bytes()[:1000]
+            )
     with pytest.raises(InputError, match=message):
         prepare(tmp_path / "photos", tmp_path / "out")
     assert not (tmp_path / "out" / "images").exists()
@@ -72,7 +80,10 @@ def test_photos_in_the_way_of_the_result_are_left_alone(tmp_path: Path, out: str
         write(tmp_path / "images" / name, photograph(POSES[0]))
     with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / out))}: "):
         prepare(tmp_path / "images", tmp_path / out)
-    assert sorted(path.name for path in (tmp_path / "images").glob("*.png")) == ["a.png", "b.png"]
+    assert sorted(path.name for path in (tmp_path / "images").glob("*.png")) == [
+        "a.png",
+        "b.png",
+    ]
 
 
 def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
@@ -141,16 +152,22 @@ def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refuse
     found = find_scale({}, shots, same_names(2), no_depth)
     assert isinstance(found, Scale)
     assert not found.is_metric
-    with pytest.raises(InputError, match=r"^scale: .*--scale, --distance, --length, --depth-track"):
+    with pytest.raises(
+        InputError, match=r"^scale: .*--scale, --distance, --length, --depth-track"
+    ):
         known_scale(factor=1, distances=[("0.png", "1.png", 1.0)])
     with pytest.raises(InputError, match=r"^--distance: 9\.png "):
-        find_scale(known_scale(distances=[("0.png", "9.png", 1.0)]), shots, same_names(2), no_depth)
+        find_scale(
+            known_scale(distances=[("0.png", "9.png", 1.0)]), shots, same_names(2), no_depth
+        )
 
 
 def test_the_relief_of_points_on_a_plane_is_that_plane():
     shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
     rays = pixel_rays(CAMERA)
-    truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
+    truth = (2 + 0.03 - 0.1) / (
+        1 - rays[..., 0] / 10
+    )  # z = 2 + x / 10, from the camera's place
     depth = of_surface(relief(shots), 1)(shots[0]).depth
     assert (depth > 0).mean() > 0.95
     assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
@@ -194,11 +211,17 @@ def test_specks_that_match_by_chance_are_no_depth_and_thin_things_are():
     )
     swept[100:103, 100:103] = 4  # open water that looks alike
     wanted = np.where(swept <= 3, swept, 0)
-    assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(wanted, rel=1e-6)
+    assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(
+        wanted, rel=1e-6
+    )
 
 
-@pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
-def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: float, suffix: str):
+@pytest.mark.parametrize(
+    ("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")]
+)
+def test_depth_maps_keep_depths_that_millimetres_cannot(
+    tmp_path: Path, metres: float, suffix: str
+):
     assert write_depth(tmp_path, "sub/a.png", np.full((4, 6), metres, np.float32))
     assert read_depth(tmp_path / "sub" / f"depth_a{suffix}") == pytest.approx(metres, rel=1e-6)
     assert not write_depth(tmp_path, "sub/b.png", np.zeros((4, 6), np.float32))
@@ -208,13 +231,24 @@ def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: 
 def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
     depth = np.array([[1.0, 2], [3, 0]], np.float32)
     xy = np.array(
-        [[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]]
+        [
+            [0, 0],
+            [1.99, 0.5],
+            [0.5, 1],
+            [1.5, 1.5],
+            [2, 0],
+            [-0.01, 0],
+            [0, 2],
+            [np.nan, np.nan],
+        ]
     )
     assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
 
 
 def test_neighbours_together_see_all_parts_of_a_photo():
-    whole = make_shots(np.array([[0.0, 0, 0], [0.4, 0, 0], [0.5, 0, 0], [0.6, 0, 0], [0.1, 0, 0]]))
+    whole = make_shots(
+        np.array([[0.0, 0, 0], [0.4, 0, 0], [0.5, 0, 0], [0.6, 0, 0], [0.1, 0, 0]])
+    )
     left = [replace(s, point_ids=s.point_ids[:300], points=s.points[:300]) for s in whole[1:4]]
     rest = replace(whole[4], point_ids=whole[4].point_ids[300:], points=whole[4].points[300:])
     assert 4 in neighbours([whole[0], *left, rest], 3)[0]

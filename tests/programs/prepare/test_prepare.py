@@ -62,10 +62,14 @@ def test_depth_of_a_known_scene_is_metric_and_right(prepared: Prepared):
         assert np.quantile(error, 0.9) < 0.03
 
 
-def test_a_logo_neither_holds_the_cameras_nor_bends_the_lens(prepared: Prepared, tmp_path: Path):
+def test_a_logo_neither_holds_the_cameras_nor_bends_the_lens(
+    prepared: Prepared, tmp_path: Path
+):
     assert not any("logo" in warning for warning in prepared.warnings)
     for name, pose in zip(NAMES[:4], POSES[:4], strict=True):
-        marked = cv2.putText(photograph(pose), "DIVE 7 CAM 2", (6, 172), 0, 0.8, (255, 255, 255), 2)
+        marked = cv2.putText(
+            photograph(pose), "DIVE 7 CAM 2", (6, 172), 0, 0.8, (255, 255, 255), 2
+        )
         write(tmp_path / "photos" / name, marked)
     (tmp_path / "work").mkdir()
     found = mapping.map_photos(
@@ -120,11 +124,13 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(
     )
     assert {path: path.stat().st_mtime_ns for path in made} == before
     assert damaged.read_bytes() == whole, "a file that was cut short is made again"
-    assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(
-        2 * depth, abs=0.0021
-    )
+    assert read_depth(
+        prepared.out / "depths" / "dive 1" / "depth_photo 0.png"
+    ) == pytest.approx(2 * depth, abs=0.0021)
     scene = next(iter(sb.load_scenes("colmap", root=twice.out)))
-    centres = [np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])]
+    centres = [
+        np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])
+    ]
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(
         2 * np.linalg.norm(PLACES[3]), rel=1e-6
     )
@@ -198,7 +204,9 @@ def test_every_way_to_give_the_scale_makes_metres(
         FOCAL / WIDTH, rel=0.03
     )
     left_out = [
-        line.split(":")[0].split()[-1] for line in said.splitlines() if line.startswith("left out")
+        line.split(":")[0].split()[-1]
+        for line in said.splitlines()
+        if line.startswith("left out")
     ]
     assert left_out == ["cut.png", "else.png"]
 
@@ -211,7 +219,9 @@ def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
     stamps = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
     again = given_again(prepared, photos, out)
     assert again[:2] == before[:2]
-    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == stamps
+    assert {
+        path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()
+    } == stamps
     (out / "depths" / "dive 1" / "depth_photo 0.png").unlink()
     given_again(prepared, photos, out)
     assert (out / "depths" / "dive 1" / "depth_photo 0.png").is_file()
@@ -301,7 +311,9 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
         (camera,) = opened.read_all_cameras()
     assert camera.mean_focal_length() / WIDTH == pytest.approx(24 / 36, rel=0.05)
     outputs = {photo.output: photo for photo in found}
-    undistort(outputs, mapped.model, tmp_path / "images", tmp_path / "masks", tmp_path / "pinhole")
+    undistort(
+        outputs, mapped.model, tmp_path / "images", tmp_path / "masks", tmp_path / "pinhole"
+    )
     assert is_jpeg(tmp_path / "images" / "0.png"), (
         "a method must know that its colours are a JPEG's"
     )
@@ -323,7 +335,9 @@ def test_a_focal_length_that_no_camera_has_is_refused(
 ):
     with pytest.raises(InputError, match="--focal") as refused:
         CliRunner().invoke(
-            command, [str(photos / "photos"), str(tmp_path / "o"), *words], catch_exceptions=False
+            command,
+            [str(photos / "photos"), str(tmp_path / "o"), *words],
+            catch_exceptions=False,
         )
     assert fault in str(refused.value)
     assert not (tmp_path / "o").exists()
@@ -358,7 +372,11 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
     monkeypatch.setattr(mapping, "usable_cores", lambda: 1)
     photos, straight = four
     counts = []
-    for name, calls in (("extract_features", 2), ("extract_features", 1), ("match_image_pairs", 1)):
+    for name, calls in (
+        ("extract_features", 2),
+        ("extract_features", 1),
+        ("match_image_pairs", 1),
+    ):
         with monkeypatch.context() as stop:
             stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
             with pytest.raises(_StoppedError):
@@ -378,7 +396,9 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
         pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as two,
     ):
         images = one.read_all_images()
-        assert [image.name for image in images] == [image.name for image in two.read_all_images()]
+        assert [image.name for image in images] == [
+            image.name for image in two.read_all_images()
+        ]
         for image in images:
             np.testing.assert_array_equal(
                 one.read_keypoints(image.image_id), two.read_keypoints(image.image_id)

@@ -59,7 +59,11 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
     assert "3 of 4 pictures" in done.stdout
     made = contents(out / "pictures")
     assert sorted(made) == ["day\n1/a.JPG", "day\n1/a.png", "day\n1/a.tif"]
-    for name, form in (("day\n1/a.tif", "TIFF"), ("day\n1/a.JPG", "JPEG"), ("day\n1/a.png", "PNG")):
+    for name, form in (
+        ("day\n1/a.tif", "TIFF"),
+        ("day\n1/a.JPG", "JPEG"),
+        ("day\n1/a.png", "PNG"),
+    ):
         with Image.open(out / "pictures" / name) as image:
             assert (image.format, image.size) == (form, (80, 60))
     deep = cv2.imread(str(out / "pictures/day\n1/a.png"), cv2.IMREAD_UNCHANGED)
@@ -84,7 +88,9 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
     assert contents(out / "pictures") == made
 
 
-def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench: Bench) -> None:
+def test_a_dive_is_whole_in_the_formats_of_its_photographs(
+    tmp_path: Path, bench: Bench
+) -> None:
     """The dive as `prepare` leaves it: undistorted PNG of distorted JPEG, depth with holes, one photograph unplaced."""
     dive, photos = write_dive(tmp_path / "dive", ("a.png", "b.png")), tmp_path / "photos"
     for seed, name in enumerate("abc"):
@@ -107,7 +113,9 @@ def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench
     assert sorted(contents(tmp_path / "out/pictures")) == ["a.jpg", "b.jpg", "c.jpg"]
     for name in ("a.jpg", "b.jpg"):
         first_column = cv2.imread(str(tmp_path / "out/pictures" / name))[:, 0]
-        assert (first_column.max(axis=-1) > 20).mean() > 0.9, "pixels without depth are no holes"
+        assert (first_column.max(axis=-1) > 20).mean() > 0.9, (
+            "pixels without depth are no holes"
+        )
     blocks = (
         "restore",
         "dive",
@@ -167,7 +175,8 @@ def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(
     assert done.returncode == 1
     assert sorted(contents(tmp_path / "out/pictures")) == ["a.png", "b.png"]
     assert all(
-        text in done.stdout for text in ("broken", "2 photographs", "gray_world", "no light at all")
+        text in done.stdout
+        for text in ("broken", "2 photographs", "gray_world", "no light at all")
     )
     assert "without a place" not in done.stdout
     done = bench("restore", "dive", "unsure", "--plugin", "broken.py", "--method", "unsure")
@@ -235,7 +244,8 @@ def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(
 
 
 @pytest.mark.parametrize(
-    "word", ["workers=-1", "workers=abc", *(f"shard.count={n}" for n in ("-2", "0", "1,2", "x"))]
+    "word",
+    ["workers=-1", "workers=abc", *(f"shard.count={n}" for n in ("-2", "0", "1,2", "x"))],
 )
 def test_a_number_of_workers_or_blocks_that_is_none_is_refused(
     tmp_path: Path, bench: Bench, word: str
@@ -259,7 +269,8 @@ def test_photographs_that_overlap_are_prepared_and_restored_together(
     assert sorted(contents(tmp_path / "out/pictures")) == sorted(names)
     for name in names:  # edges lie where the distorting camera saw them
         before, after = (
-            cv2.imread(str(tmp_path / folder / name), 0) for folder in ("photos", "out/pictures")
+            cv2.imread(str(tmp_path / folder / name), 0)
+            for folder in ("photos", "out/pictures")
         )
         (x, y), _ = cv2.phaseCorrelate(
             *(cv2.Laplacian(one.astype(np.float32), cv2.CV_32F) for one in (before, after))
@@ -315,7 +326,11 @@ def noted(kind: str) -> bytes:
     if kind == "TIFF":
         tags[700], more = XMP, {}
     image.save(
-        file, kind, exif=tags if kind == "TIFF" else exif().tobytes(), icc_profile=PROFILE, **more
+        file,
+        kind,
+        exif=tags if kind == "TIFF" else exif().tobytes(),
+        icc_profile=PROFILE,
+        **more,
     )
     return file.getvalue()
 
@@ -385,7 +400,9 @@ def test_the_preview_of_the_photograph_goes() -> None:
     preview = second.to_bytes(2, "little")
     for tag, value in ((513, place), (514, len(small.getvalue()))):
         preview += (
-            tag.to_bytes(2, "little") + b"\x04\x00\x01\x00\x00\x00" + value.to_bytes(4, "little")
+            tag.to_bytes(2, "little")
+            + b"\x04\x00\x01\x00\x00\x00"
+            + value.to_bytes(4, "little")
         )
     body = b"Exif\x00\x00" + order + directory + preview + bytes(4) + small.getvalue()
     file = io.BytesIO()
@@ -483,7 +500,17 @@ def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
         "below_zero": [],
     }
     one = Restored(
-        "a.png", image, view, image, None, None, "sucre_plus", 1.0, (), measured, is_of_dive=True
+        "a.png",
+        image,
+        view,
+        image,
+        None,
+        None,
+        "sucre_plus",
+        1.0,
+        (),
+        measured,
+        is_of_dive=True,
     )
     (assessed,) = trust.assess([one], tmp_path, False, {})
     assert assessed.trust is not trust.Trust.GOOD

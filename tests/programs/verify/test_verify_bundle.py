@@ -43,10 +43,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
     words = (*SMALL, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
-    succeeded(place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
+    succeeded(
+        place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive"
+    )
     for pictures in ("none", "restored", "all"):
         succeeded(
-            place, "bundle", "results", f"{pictures}.zip", "--pictures", pictures, "--by", "Jane"
+            place,
+            "bundle",
+            "results",
+            f"{pictures}.zip",
+            "--pictures",
+            pictures,
+            "--by",
+            "Jane",
         )
     return place
 
@@ -88,12 +97,16 @@ def with_table(change: Callable[[pd.DataFrame], Any]) -> Callable[[dict[str, byt
     def of(files: dict[str, bytes]) -> None:
         rows = pd.read_csv(io.BytesIO(files["scores.csv"]), keep_default_na=False)
         changed = change(rows)
-        files["scores.csv"] = (rows if changed is None else changed).to_csv(index=False).encode()
+        files["scores.csv"] = (
+            (rows if changed is None else changed).to_csv(index=False).encode()
+        )
 
     return of
 
 
-def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Path, folder: Path):
+def test_scores_come_out_again_from_the_pictures_and_the_data(
+    bench, bundles: Path, folder: Path
+):
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
     assert (status, found["holds"], found["differing"], found["faults"]) == (0, True, [], [])
     assert found["n_common"] == 8  # of psnr and uciqe, two methods on two views
@@ -116,7 +129,9 @@ def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_
         rows.loc[rows["metric"] == "saturated_red", "value"] = "0.9"
 
     rewritten(tmp_path / "b.zip", with_table(flatter))
-    forged = json.loads(run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json").stdout)
+    forged = json.loads(
+        run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json").stdout
+    )
     assert {score["metric"] for score in forged["differing"]} == {"saturated_red"}
 
 
@@ -199,7 +214,9 @@ def test_a_metric_that_cannot_be_tried_costs_no_bundle(
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
-def test_a_metric_that_ends_its_process_costs_only_its_own_scores(fragile: Path, tmp_path: Path):
+def test_a_metric_that_ends_its_process_costs_only_its_own_scores(
+    fragile: Path, tmp_path: Path
+):
     """They differ here, as if it raised an error; the scores of the others are computed again."""
     done = with_fragile(tmp_path, "os._exit(3)", "verify", str(fragile / "b.zip"), "--json")
     found = json.loads(done.stdout)
@@ -236,7 +253,9 @@ def test_a_patch_that_was_flattered_is_found_out(
 
     def flatter(rows: pd.DataFrame) -> None:
         first = rows[
-            (rows["metric"] == metric) & rows["region"].str.contains("/") & (rows["status"] == "ok")
+            (rows["metric"] == metric)
+            & rows["region"].str.contains("/")
+            & (rows["status"] == "ok")
         ].index[0]
         rows["value"] = rows["value"].where(
             rows.index != first, pd.to_numeric(rows["value"]) + change
@@ -327,9 +346,9 @@ def test_what_a_forger_changes_is_found_out(bench, bundles: Path, folder: Path, 
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
     assert status == 1
     if fields:
-        assert {tuple(one[field] for field in fields.split()) for one in found["differing"]} == {
-            expected
-        }
+        assert {
+            tuple(one[field] for field in fields.split()) for one in found["differing"]
+        } == {expected}
     else:
         assert any(expected[0] in fault for fault in found["faults"])
 
@@ -341,7 +360,13 @@ def test_a_tolerance_lets_scores_differ(bench, bundles: Path):
 
 def test_data_that_changed_since_are_named(bench, tmp_path: Path):
     write_dive(tmp_path / "dive", ("a.png", "b.png"))
-    words = ("dataset=colmap", "dataset.root=dive", "method=gray_world", "metrics=[uciqe]", *QUIET)
+    words = (
+        "dataset=colmap",
+        "dataset.root=dive",
+        "method=gray_world",
+        "metrics=[uciqe]",
+        *QUIET,
+    )
     assert bench("run", *words, "out=results").returncode == 0
     assert bench("bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
     (tmp_path / "dive").rename(tmp_path / "moved")
@@ -386,7 +411,9 @@ ODD: dict[str, Callable[[pd.DataFrame], Any]] = {
 
 
 @pytest.mark.parametrize("odd", ODD)
-def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, folder: Path, odd: str):
+def test_odd_words_in_a_table_are_faults_and_no_crash(
+    bench, bundles: Path, folder: Path, odd: str
+):
     rewritten(bundles / "restored.zip", with_table(ODD[odd]))
     done = bench("verify", "restored.zip", "--data", str(folder / "dive"), "--json")
     assert done.returncode in (1, 2) or json.loads(done.stdout)["unchecked"], (
@@ -397,7 +424,14 @@ def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, fold
 
 def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_path: Path):
     """It is data to `verify`; whoever unpacks it runs the experiment as it is."""
-    words = ("code.zip", "--pictures", "restored", "--plugin", str(folder / "half.py"), "--code")
+    words = (
+        "code.zip",
+        "--pictures",
+        "restored",
+        "--plugin",
+        str(folder / "half.py"),
+        "--code",
+    )
     assert bench("bundle", str(folder / "results"), *words).returncode == 0
     with zipfile.ZipFile(tmp_path / "code.zip") as archive:
         archive.extractall(tmp_path / "unpacked")

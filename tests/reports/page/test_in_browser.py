@@ -95,7 +95,11 @@ def test_an_opened_page_shows_the_best_method_and_its_commands_and_sorts_by_a_cl
     page: Browser,
 ):
     view = "v2.png"  # the median of the best method
-    assert [state(page, key) for key in ("before", "method", "view")] == ["*view", "clever", view]
+    assert [state(page, key) for key in ("before", "method", "view")] == [
+        "*view",
+        "clever",
+        view,
+    ]
     cells = page.ask(
         f"[...document.querySelectorAll({json.dumps(SHEET + ' tbody tr')})].map((row) => row.cells[1])"
         ".map((cell) => [cell.className.trim(), cell.querySelector('.mean').innerText, cell.title])"
@@ -135,7 +139,9 @@ def test_an_opened_page_shows_the_best_method_and_its_commands_and_sorts_by_a_cl
     assert state(page, "metric") == "psnr:masked"
 
 
-def test_metrics_that_only_describe_and_leads_within_chance_are_shown_when_asked_for(page: Browser):
+def test_metrics_that_only_describe_and_leads_within_chance_are_shown_when_asked_for(
+    page: Browser,
+):
     heads = f"[...document.querySelectorAll({json.dumps(SHEET + ' th[data-key]')})].filter((e) => e.checkVisibility())"
     keys = f"{heads}.map((e) => e.dataset.key)"
     assert page.ask(keys) == ["psnr:masked", "de00:lab", "filled:image", "seconds:wall"]
@@ -290,7 +296,9 @@ def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(
     )
     chosen = [state(page, key) for key in ("dataset", "view", "method", "before", "metric")]
     assert chosen == [1, "v1.png", "plain", "*reference", "de00:lab"]
-    assert page.ask("document.querySelector('#stage').getBoundingClientRect().top < innerHeight")
+    assert page.ask(
+        "document.querySelector('#stage').getBoundingClientRect().top < innerHeight"
+    )
     page.click("#grid [data-which=clever]")
     assert (
         page.ask("decodeURIComponent(location.hash)")
@@ -329,9 +337,9 @@ def test_the_error_map_is_black_where_a_picture_is_its_reference(page: Browser, 
     import cv2
 
     rows = made_results(tmp_path)
-    ramp = np.repeat(np.linspace(80, 200, 96, dtype=np.uint8)[None, :, None], 64, axis=0).repeat(
-        3, axis=2
-    )
+    ramp = np.repeat(
+        np.linspace(80, 200, 96, dtype=np.uint8)[None, :, None], 64, axis=0
+    ).repeat(3, axis=2)
     (reference,) = (tmp_path / "references").rglob("v0.*")
     for path in (tmp_path / "restored/reef/plain/v0.png", reference):
         cv2.imwrite(str(path), ramp)
@@ -356,7 +364,9 @@ def test_the_error_map_is_black_where_a_picture_is_its_reference(page: Browser, 
     assert means[1] < 3
 
 
-def test_the_photograph_is_one_picture_and_stands_below_the_methods(page: Browser, tmp_path: Path):
+def test_the_photograph_is_one_picture_and_stands_below_the_methods(
+    page: Browser, tmp_path: Path
+):
     rows = made_results(tmp_path)
     is_clever = rows["method"] == "clever"
     rows.loc[is_clever, "options"] = rows.loc[is_clever, "options"].str.replace(
@@ -366,7 +376,9 @@ def test_the_photograph_is_one_picture_and_stands_below_the_methods(page: Browse
     opened(page, tmp_path)
     assert methods(page) == ["plain", "broken", "clever"]  # though its psnr is the best
     assert [state(page, "before"), state(page, "method")] == ["clever", "plain"]
-    tiles = page.ask("[...document.querySelectorAll('#grid .tile')].map((e) => e.dataset.which)")
+    tiles = page.ask(
+        "[...document.querySelectorAll('#grid .tile')].map((e) => e.dataset.which)"
+    )
     assert tiles == ["*reference", "plain", "clever", "broken"]
 
 
@@ -374,7 +386,9 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(page: Browser):
     page.ask(
         "document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.ran = 1'}))"
     )
-    page.ask("document.body.insertAdjacentHTML('beforeend', '<b onclick=\"window.ran = 1\">x</b>')")
+    page.ask(
+        "document.body.insertAdjacentHTML('beforeend', '<b onclick=\"window.ran = 1\">x</b>')"
+    )
     page.ask("document.body.lastChild.click()")
     assert page.ask("window.ran === undefined")
     page.wait(lambda: len(page.complaints) == 2, "both are refused")
@@ -403,7 +417,11 @@ def test_plots_and_patches_show_the_numbers_of_the_table_and_a_list_shows_anothe
     water = drawn(page, ".estimate")
     assert page.ask(f"{water}.data.length") == 6  # 3 channels, and the truth
     assert page.ask(f"{water}.data.find((t) => t.name === 'true').y") == [0.1, 0.1, 0.1]
-    assert page.ask(f"{drawn(page, '.hue')}.data[0].y") == [370, 370, 370]  # 20 degrees past 350
+    assert page.ask(f"{drawn(page, '.hue')}.data[0].y") == [
+        370,
+        370,
+        370,
+    ]  # 20 degrees past 350
     drawn(page, ".cost")  # what is not in view is not drawn
     page.ask("(() => { const list = document.querySelector('#cost select'); list.value = 'd0-cost-1';"
              "list.dispatchEvent(new Event('change')); })()")  # fmt: skip
@@ -494,7 +512,9 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
     reached = set()
     for _ in range(100):
         page.press("Tab")
-        reached.add(page.ask("document.activeElement.id || document.activeElement.dataset.which"))
+        reached.add(
+            page.ask("document.activeElement.id || document.activeElement.dataset.which")
+        )
     assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
 
 

@@ -129,7 +129,11 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     (dataset,) = page.datasets
     states = [[r["status"] for r in view["results"]] for view in dataset["views"]]
     assert [m["label"] for m in dataset["methods"]] == ["gain", "faulty", "needs_charts"]
-    assert states == [["ok", "ok", "skipped"], ["ok", "failed", "skipped"], ["ok", "ok", "skipped"]]
+    assert states == [
+        ["ok", "ok", "skipped"],
+        ["ok", "failed", "skipped"],
+        ["ok", "ok", "skipped"],
+    ]
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
@@ -149,7 +153,10 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     assert clever["covers"] == {"psnr:masked": 0.75}
     assert {k: clever["water"][k] for k in ESTIMATE} == ESTIMATE
     assert view["truth"] == TRUTH
-    assert (clever["record"], clever["limits"]) == ({"steps": 7, "write_seconds": 0.1}, ["flat"])
+    assert (clever["record"], clever["limits"]) == (
+        {"steps": 7, "write_seconds": 0.1},
+        ["flat"],
+    )
     assert view["results"][0]["water"] is None
 
 
@@ -240,7 +247,9 @@ def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: P
         "wreck",
     ]
     page = Page(
-        write_page(tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40)))
+        write_page(
+            tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40))
+        )
     )
     kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
     assert [sum(k) for k in kept] == [1, 1]

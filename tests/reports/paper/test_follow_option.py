@@ -56,7 +56,10 @@ def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
 
 def test_results_on_older_data_are_left_out_and_said():
     rows = noisy(
-        {None: {"a": [10.0, 12.0], "b": [20.0, 22.0]}, 0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]}}
+        {
+            None: {"a": [10.0, 12.0], "b": [20.0, 22.0]},
+            0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]},
+        }
     )
     old = (rows["method"] == "b") & (rows["dataset"] == "sea")
     rows = rows.assign(

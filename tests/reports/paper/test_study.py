@@ -58,7 +58,9 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     }
     assert path.stem == study.name == Path(experiment["out"]).name
     sweeper = experiment["hydra"]["sweeper"]
-    methods = [one["label"] if isinstance(one, dict) else one for one in sweeper.get("methods", [])]
+    methods = [
+        one["label"] if isinstance(one, dict) else one for one in sweeper.get("methods", [])
+    ]
     assert not study.baseline or study.baseline in methods
     assert not study.along or study.along in sweeper["params"]
 

@@ -40,7 +40,11 @@ def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_
 def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path, already: bool):
     base, other = [20.0, 25.0, 30.0, 25, 25], [21.0, 27.0, 33.0, 28, 26]
     rows = frame(
-        [row(m, f"v{n}", v) for m, own in (("a", base), ("b", other)) for n, v in enumerate(own)]
+        [
+            row(m, f"v{n}", v)
+            for m, own in (("a", base), ("b", other))
+            for n, v in enumerate(own)
+        ]
     )
     # what `run baseline=a` has made for the terminal
     made = compare(rows, baseline="a") if already else ()
@@ -110,12 +114,17 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     drawn("half", half)
     rows = frame([row(m, f"v{n}", 20.0 + n + (m == "b")) for m in "ab" for n in range(2)])
     written = write(Study("s", figures=("breaks", "nothing", "half", "scores")), rows, tmp_path)
-    names = {f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")}
+    names = {
+        f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")
+    }
     assert {path.name for path in written.paths if path.parent.name == "figures"} == names
     assert "s-breaks: failed, ZeroDivisionError: by nought" in written.notes[0]
     assert "by nought" in (tmp_path / "logs/failures.log").read_text()
     for note, name, reason in zip(
-        written.notes[1:], ("nothing", "half"), ("no charts;", "no charts in the sea;"), strict=True
+        written.notes[1:],
+        ("nothing", "half"),
+        ("no charts;", "no charts in the sea;"),
+        strict=True,
     ):
         assert note.startswith(f"s-{name}: ")
         assert reason in note

@@ -61,9 +61,13 @@ def chart_rows(hue: float = 0.0) -> Iterator[Row]:
         )
         for metric in ("psi", "de00"):
             values = [error(method, view, chart, patch) for patch in PATCHES]
-            yield Row(**own, metric=metric, variant="v", region=chart, value=float(np.mean(values)))
+            yield Row(
+                **own, metric=metric, variant="v", region=chart, value=float(np.mean(values))
+            )
             for patch, value in zip(PATCHES, values, strict=True):
-                yield Row(**own, metric=metric, variant="v", region=f"{chart}/{patch}", value=value)
+                yield Row(
+                    **own, metric=metric, variant="v", region=f"{chart}/{patch}", value=value
+                )
         for patch in PATCHES:
             about = {**own, "region": f"{chart}/{patch}", "better": "none"}
             measured = EXPECTED_HUE[patch] + hue * (method == "sucre")
@@ -84,14 +88,18 @@ def lines(axes: Axes, label: str) -> np.ndarray:
     return np.array(line.get_data(), dtype=float)
 
 
-def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_patches() -> None:
+def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_patches() -> (
+    None
+):
     (figure,) = drawn("charts", results.frame(chart_rows())).values()
     psi = figure.axes[0]
     by_distance = sorted(DISTANCE, key=lambda site: DISTANCE[site])
     for method in METHODS:
         x, y = lines(psi, method)
         np.testing.assert_allclose(x, [DISTANCE[site] for site in by_distance], atol=0.05)
-        np.testing.assert_allclose(y, [error(method, *site, PATCHES[1]) for site in by_distance])
+        np.testing.assert_allclose(
+            y, [error(method, *site, PATCHES[1]) for site in by_distance]
+        )
     bars = psi.collections[0].get_segments()
     spread = np.std([0, 0.5, 1], ddof=1)
     np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 2 * spread)
@@ -101,7 +109,9 @@ def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_p
 
 def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> None:
     rows = list(chart_rows())
-    rows += [replace(row, variant="w", value=2 * row.value) for row in rows if row.metric == "de00"]
+    rows += [
+        replace(row, variant="w", value=2 * row.value) for row in rows if row.metric == "de00"
+    ]
     (everything,) = drawn("charts", results.frame(rows)).values()
     (named,) = drawn("charts", results.frame(rows), metrics=("de00:w",)).values()
     assert [axes.get_visible() for axes in everything.axes] == [True, True, True, False]
@@ -157,7 +167,10 @@ def water_rows() -> Iterator[Row]:
         for p, c in product(range(3), range(3)):
             variant = f"{PARAMETERS[p]}-{('red', 'green', 'blue')[c]}"
             yield Row(
-                **own, metric="water_parameters", variant=variant, value=100 * p + 10 * c + k + 1
+                **own,
+                metric="water_parameters",
+                variant=variant,
+                value=100 * p + 10 * c + k + 1,
             )
 
 

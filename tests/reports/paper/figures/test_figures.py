@@ -22,7 +22,9 @@ NAMES = [f"method_{n}" for n in range(60)]
 
 
 def table(values: dict[str, Sequence[float]], **about: Any) -> list[Row]:
-    return [row(m, f"v{n}.png", v, **about) for m, own in values.items() for n, v in enumerate(own)]
+    return [
+        row(m, f"v{n}.png", v, **about) for m, own in values.items() for n, v in enumerate(own)
+    ]
 
 
 # -- style -------------------------------------------------------------------------------------------------
@@ -52,7 +54,11 @@ def test_figures_have_the_width_of_a_paper_and_keep_their_text(tmp_path: Path):
     assert axes.shape == (1, 2)
     axes[0, 0].set_title("a b")
     written = style.save(figure, tmp_path / "within=1.5", svg=True)
-    assert [path.name for path in written] == ["within=1.5.png", "within=1.5.pdf", "within=1.5.svg"]
+    assert [path.name for path in written] == [
+        "within=1.5.png",
+        "within=1.5.pdf",
+        "within=1.5.svg",
+    ]
     with Image.open(written[0]) as png:
         assert png.size == (1005, 300)  # 3.35 inches at 300 dpi
     pdf = written[1].read_bytes()
@@ -77,7 +83,8 @@ def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
     assert [dot.get_markerfacecolor() == "white" for dot in dots] == [False, True, False]
     bars = [line.get_xdata() for line in panel.lines if len(line.get_xdata()) == 2]
     assert all(
-        low < float(dot.get_xdata()[0]) < high for (low, high), dot in zip(bars, dots, strict=True)
+        low < float(dot.get_xdata()[0]) < high
+        for (low, high), dot in zip(bars, dots, strict=True)
     )
 
 
@@ -126,7 +133,9 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
         "a": [21, 24],
         "b": [11, 14],
     }
-    low, high = (f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max))
+    low, high = (
+        f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max)
+    )
     assert low < 21 - 4 / np.sqrt(3)
     assert high > 24 + 4 / np.sqrt(3)
     assert figure.get_supxlabel() == "within"
@@ -164,7 +173,8 @@ def grays(figure: Any) -> list[list[int | None]]:
         gray = int(panel.images[0].get_array()[0, 0, 0]) if panel.images else None
         rows.setdefault(round(-place.y0, 3), []).append((place.x0, gray))
     return [
-        [gray for _, gray in sorted(own, key=lambda one: one[0])] for _, own in sorted(rows.items())
+        [gray for _, gray in sorted(own, key=lambda one: one[0])]
+        for _, own in sorted(rows.items())
     ]
 
 

@@ -23,7 +23,14 @@ WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter
 
 def row(**about: Any) -> Row:
     return Row(
-        **{"dataset": "made", "scene": "s", "view": "a.png", "method": "m", "value": 1.0, **about}
+        **{
+            "dataset": "made",
+            "scene": "s",
+            "view": "a.png",
+            "method": "m",
+            "value": 1.0,
+            **about,
+        }
     )
 
 
@@ -126,7 +133,11 @@ def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path)
     rows = [r for k in n for r in timed(tmp_path, k, 0.1 + 2e-6 * k * (1 + 0.01 * np.sin(k)))]
     ((suffix, figure),) = drawn("scaling", frame(rows), tmp_path).items()
     assert suffix == ""
-    assert [axis.get_title() for axis in figure.axes] == ["whole restoration", "pairing", "solving"]
+    assert [axis.get_title() for axis in figure.axes] == [
+        "whole restoration",
+        "pairing",
+        "solving",
+    ]
     points = next(line for line in figure.axes[0].lines if line.get_linestyle() == "None")
     np.testing.assert_allclose(np.sort(points.get_xdata()), np.sort(n))
     np.testing.assert_allclose(
@@ -142,7 +153,9 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
     """A view, a method that leaves it alone, and one with an upright seam at two thirds of the width."""
     rng = np.random.default_rng(0)
     photograph = np.clip(
-        0.4 + 0.1 * cv2.GaussianBlur(rng.standard_normal((120, 180, 3)), (0, 0), 3) * 10, 0.05, 0.8
+        0.4 + 0.1 * cv2.GaussianBlur(rng.standard_normal((120, 180, 3)), (0, 0), 3) * 10,
+        0.05,
+        0.8,
     )
     seam = photograph + (np.arange(180) >= 120)[None, :, None] * 0.15
     rows = []
