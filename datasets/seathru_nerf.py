@@ -28,9 +28,8 @@ from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
-_HELD_OUT = (
-    8  # every eighth image by name, from the first, tests what was learned of the others
-)
+# every eighth image by name, from the first, tests what was learned of the others
+_HELD_OUT = 8
 
 
 @dataset(

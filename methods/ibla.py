@@ -25,19 +25,15 @@ from sucre_bench.imaging.image_formation import (
 from sucre_bench.plugins.options import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
-_SLOPE, _INTERCEPT = (
-    -0.00113,
-    1.62517,
-)  # scattering is linear in the wavelength (Zhao et al. 2015)
+# scattering is linear in the wavelength (Zhao et al. 2015)
+_SLOPE = -0.00113
+_INTERCEPT = 1.62517
 _STEEPNESS = 32.0  # s, of the sigmoid
 # a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
-_BRIGHT, _BRIGHT_SHARE = (
-    0.5,
-    0.2,
-)
-_LEAST_LIGHT = (
-    0.1  # in ratios of attenuation, a channel of the veiling light counts as at least this
-)
+_BRIGHT = 0.5
+_BRIGHT_SHARE = 0.2
+# in ratios of attenuation, a channel of the veiling light counts as at least this
+_LEAST_LIGHT = 0.1
 _SMALLEST_BLOCK = 1024  # the search for a block ends at this fraction of the image
 
 

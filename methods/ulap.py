@@ -20,11 +20,10 @@ from sucre_bench.imaging.image_formation import (
 )
 from sucre_bench.plugins.options import check_ranges
 
-_OFFSET, _STRONGER, _RED = (
-    0.51157954,
-    0.50516165,
-    -0.90511117,
-)  # learned, for intensities in [0, 1]
+# learned, for intensities in [0, 1]
+_OFFSET = 0.51157954
+_STRONGER = 0.50516165
+_RED = -0.90511117
 
 
 @method(

@@ -22,11 +22,10 @@ from sucre_bench.scene import Restoration, Score, View
 
 Image = AnyArray
 RADIUS = 5  # the widest window reaches so far
-# rows a thread takes at a time; columns whose sums stay in the processor's cache
-_BAND, _TILE = (
-    128,
-    512,
-)
+# rows a thread takes at a time
+_BAND = 128
+# columns whose sums stay in the processor's cache
+_TILE = 512
 
 
 def squared_error(one: Image, other: Image, mask: Mask) -> float:

@@ -18,9 +18,8 @@ from sucre_bench.arrays import DataFrame
 
 ROOT = Path(__file__).resolve().parent.parent
 BOARD = ROOT / "docs" / "board"
-TOLERANCE = (
-    0.02  # of a score, or of the median score of its column: as `sucre-bench verify` has it
-)
+# of a score, or of the median score of its column: as `sucre-bench verify` has it
+TOLERANCE = 0.02
 RUNS = {
     "demo": [
         "experiment=demo",

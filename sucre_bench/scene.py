@@ -134,10 +134,8 @@ class Pixels(Protocol):
 _MOST_TYPICAL = 16.0
 _DOUBLE = 2.0  # of white: the median of a photograph is not above this
 # below black, and share of the pixels of a photograph that may be lower
-_NOISE, _STRAY = (
-    0.05,
-    0.01,
-)
+_NOISE = 0.05
+_STRAY = 0.01
 
 # Rows and columns of an image that tell its range.
 _LOOKED_AT = 48

@@ -59,12 +59,10 @@ class Grid:
     def padded(self, cells: int) -> Grid:
         """Return the grid with so many cells more on each side."""
         more = cells * self.cell
-        x0, y0, width, length = (
-            self.x0 - more,
-            self.y0 - more,
-            self.width + 2 * more,
-            self.length + 2 * more,
-        )
+        x0 = self.x0 - more
+        y0 = self.y0 - more
+        width = self.width + 2 * more
+        length = self.length + 2 * more
         return Grid(x0, y0, width, length, self.cell)
 
 
@@ -331,11 +329,9 @@ def _scatter(
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 
 # the board around the chart: black frame, bare rim, bare foot
-_FRAME_M, _RIM_M, _FOOT_M = (
-    0.02,
-    0.05,
-    0.12,
-)
+_FRAME_M = 0.02
+_RIM_M = 0.05
+_FOOT_M = 0.12
 _BARE = (0.86, 0.86, 0.84)
 _FRAME = (0.04, 0.04, 0.04)
 
@@ -441,9 +437,8 @@ _TURF, _WEED = (0.45, 0.42, 0.22), (0.27, 0.34, 0.15)
 _CORALLINE, _SOFT_CORAL = (0.66, 0.42, 0.47), (0.50, 0.38, 0.52)
 _RED_SPONGE, _YELLOW_SPONGE = (0.76, 0.30, 0.18), (0.80, 0.66, 0.26)
 
-_BAND_ROWS = (
-    128  # of the seabed painted at once: what is worked on stays in the processor's cache
-)
+# of the seabed painted at once: what is worked on stays in the processor's cache
+_BAND_ROWS = 128
 
 
 def paint_seabed(terrain: Terrain, noise: Noise, grid: Grid) -> Texture:

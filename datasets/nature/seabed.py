@@ -53,12 +53,10 @@ def _height(heights: Array, x: float, y: float) -> float:
     x, y = x / CELL_M, y / CELL_M
     i, j = int(np.floor(x)), int(np.floor(y))
     u, v = x - i, y - j
-    i, j, i1, j1 = (
-        i & (CELLS - 1),
-        j & (CELLS - 1),
-        (i + 1) & (CELLS - 1),
-        (j + 1) & (CELLS - 1),
-    )
+    i = i & (CELLS - 1)
+    j = j & (CELLS - 1)
+    i1 = (i + 1) & (CELLS - 1)
+    j1 = (j + 1) & (CELLS - 1)
     low = heights[j, i] + u * (heights[j, i1] - heights[j, i])
     high = heights[j1, i] + u * (heights[j1, i1] - heights[j1, i])
     return low + v * (high - low)

@@ -151,9 +151,8 @@ def _show(one: Described) -> None:
         depth = f"{view.coverage:.0%}" if view.has_depth else "-"
         table.add_row(Text(view.name), depth, near, *lap, colours, str(len(view.charts) or "-"))
     wide = terminal.out.options.update(max_width=_WIDEST)
-    table.width = Measurement.get(
-        terminal.out, wide, table
-    ).maximum  # names stay whole; a narrow terminal wraps rows
+    # names stay whole; a narrow terminal wraps rows
+    table.width = Measurement.get(terminal.out, wide, table).maximum
     terminal.out.print(table, soft_wrap=True)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")

@@ -65,9 +65,8 @@ _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 _MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
-_LEAST_FREEDOM = (
-    3.0  # degrees of freedom of neighbours: with fewer, no lead is found however large it is
-)
+# degrees of freedom of neighbours: with fewer, no lead is found however large it is
+_LEAST_FREEDOM = 3.0
 _MOST_ALIKE = 0.8  # correlation of neighbours: a larger one cannot be told from a trend, and would hide any lead
 # Standard errors that are added to the estimated correlation: with 0, two methods on tracks have false leads in 7 to
 # 16 % of tables, with 0.85 in at most 7 %; with 1, 20 views find fewer than 95 % of leads (benchmarks/leads.py).

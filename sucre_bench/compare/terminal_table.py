@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
-_SHORTEST_NAMES = (
-    20  # characters that the names of methods have at least; longer ones are folded
-)
+# characters that the names of methods have at least; longer ones are folded
+_SHORTEST_NAMES = 20
 _MOST_BLOCKS = 3  # comparisons with a block of their own
 
 

@@ -384,9 +384,8 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
 # -- the answer: which columns decide, and who leads by each ---------------------------------------------------
 
 _MOST = 4
-_MOST_BLIND = (
-    2  # metrics that are evidence, and metrics that are taste, in a table without truth
-)
+# metrics that are evidence, and metrics that are taste, in a table without truth
+_MOST_BLIND = 2
 # Roles of scores that know the true colours, in the order in which metrics are taken and then shown.
 _TRUE_COLOURS: tuple[Role, ...] = (
     "colours",

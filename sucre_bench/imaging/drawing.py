@@ -12,10 +12,9 @@ from sucre_bench.arrays import Array, Picture
 if TYPE_CHECKING:
     import PIL.Image
 
-_GAP, _TEXT = (
-    8,
-    20,
-)  # pixels between the pairs of a contact sheet, and of the height of a caption
+# pixels between the pairs of a contact sheet, and of the height of a caption
+_GAP = 8
+_TEXT = 20
 
 
 def captioned(picture: Picture, text: str) -> Picture:

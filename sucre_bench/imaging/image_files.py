@@ -73,9 +73,8 @@ def png_chunk(content: bytes) -> bytes:
     )
 
 
-PNG_HEADER = (
-    33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
-)
+# bytes at the beginning of a PNG file, up to its first chunk that may be left out
+PNG_HEADER = 33
 OF_JPEG = png_chunk(b"tEXtSource\0JPEG")  # of a picture that was decoded from a JPEG file
 
 

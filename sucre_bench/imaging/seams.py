@@ -149,9 +149,8 @@ def _steps(planes: Array, known: Mask) -> Iterator[_Steps]:
     side = int(np.ceil(np.hypot(height, width))) + 2 * _WIDE
     places = np.arange(known.size, dtype=np.float32).reshape(known.shape)  # exact below 2^24
     stack = [*np.moveaxis(planes, -1, 0), known.astype(np.float32)]
-    reach = (
-        _WIDE + 1
-    ) // 2  # from the line's pixel, which is in neither strip, to the middle of a strip
+    # from the line's pixel, which is in neither strip, to the middle of a strip
+    reach = (_WIDE + 1) // 2
     for k in range(_DIRECTIONS):
         turn = cv2.getRotationMatrix2D(
             ((width - 1) / 2, (height - 1) / 2), 180 * k / _DIRECTIONS, 1

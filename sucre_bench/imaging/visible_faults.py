@@ -29,24 +29,21 @@ LIMITS = {
 
 _SIDE = 480
 _FEWEST = 50  # pixels of which a median is taken
-_MORE_SATURATED = (
-    2.0  # a restored colour may have so much of the chroma that white balance gives it
-)
+# a restored colour may have so much of the chroma that white balance gives it
+_MORE_SATURATED = 2.0
 _UNSURE = 0.2  # the error of a white balance, as a share of the chroma that it removes from the brightest ground
-# ratio of distances at an edge; share of the picture that edges must have
-_STEP, _LEAST_EDGES = (
-    1.25,
-    0.005,
-)
-# side of the square around an edge pixel; a*b* distance of a rim
-_BESIDE_PX, _STANDS_OUT = (
-    31,
-    15.0,
-)
-_TEXTURE, _LESS = (
-    0.008,
-    0.25,
-)  # least standard deviation that is texture; share of it that is none
+# ratio of distances at an edge
+_STEP = 1.25
+# share of the picture that edges must have
+_LEAST_EDGES = 0.005
+# side of the square around an edge pixel
+_BESIDE_PX = 31
+# a*b* distance of a rim
+_STANDS_OUT = 15.0
+# least standard deviation that is texture
+_TEXTURE = 0.008
+# share of it that is none
+_LESS = 0.25
 _WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
 
 

@@ -30,15 +30,11 @@ from sucre_bench.machine.files import reading, regular
 _FARTHEST_M = 1000.0
 _NONE = 65535  # of 16 bits
 # share of the pixels, and factor above the next value, of one that means "unknown"
-_REPEATS, _BEYOND = (
-    0.001,
-    8.0,
-)
+_REPEATS = 0.001
+_BEYOND = 8.0
 # of COLMAP: of two maps of an image the first is taken
-_FILTERED, _RAW = (
-    ".geometric.bin",
-    ".photometric.bin",
-)
+_FILTERED = ".geometric.bin"
+_RAW = ".photometric.bin"
 
 
 def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:

@@ -29,10 +29,9 @@ from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.text_formats import first_few
 
-_SAME, _ALIKE = (
-    24,
-    60,
-)  # bits in which the same picture may differ, and what a method made of it
+# bits in which the same picture may differ, and what a method made of it
+_SAME = 24
+_ALIKE = 60
 _COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
 _SIDE, _FREQUENCIES = 64, 16
 _HEAD = ("name", "other_names", "width", "height", "image", "reference")

@@ -173,10 +173,11 @@ def view_of(
         check_pixels(image, size)
     except InputError as wrong_size:
         fault = fault or str(wrong_size)
+        # what else is read of the view must not take on a forged size
         size = undistorted or (
             1,
             1,
-        )  # what else is read of the view must not take on a forged size
+        )
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None

@@ -4,9 +4,8 @@ import hashlib
 import re
 import unicodedata
 
-_MOST_BYTES = (
-    190  # of a name without suffix; file systems take 255 bytes with it, some archives 200
-)
+# of a name without suffix; file systems take 255 bytes with it, some archives 200
+_MOST_BYTES = 190
 _REFUSED = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')  # by Windows
 # names of devices there
 _DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)

@@ -143,9 +143,8 @@ def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
 _HEAD = struct.Struct("!i")  # of a message of multiprocessing's pipes: its length
-_MOST_BYTES = (
-    1 << 28
-)  # of a message; text that a plugin writes into the pipe reads as a longer one
+# of a message; text that a plugin writes into the pipe reads as a longer one
+_MOST_BYTES = 1 << 28
 
 # How a forked process reports its steps, the faults of those that it must leave out, its folder and its present step.
 _reporting: tuple[Send, Mapping[str, Exception], str, str] | None = None

@@ -89,9 +89,8 @@ def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T
 _PLAIN_S = 10.0  # between the lines of one work in a log
 _WORTH_A_LINE_S = 1.0
 _DRAWN_S = 0.1
-_PACE_S = (
-    3600.0  # whose steps tell the time left; rich does not count the first, with its imports
-)
+# whose steps tell the time left; rich does not count the first, with its imports
+_PACE_S = 3600.0
 
 
 def duration(seconds: float) -> str:

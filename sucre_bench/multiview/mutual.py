@@ -103,9 +103,8 @@ def _pair(
                 y = np.floor(
                     (there[1][0] * X + there[1][1] * Y + there[1][2] * Z + there[1][3]) * s
                 )
-                is_inside = (
-                    (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
-                )  # NaN is not
+                # NaN is not
+                is_inside = (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
                 u[i] = x if is_inside else none
                 v[i] = y
             for i in range(m):

@@ -143,11 +143,9 @@ def test_pose_noise_moves_the_centre_and_turns_the_camera_by_what_is_asked():
     moved, turned = degraded(scene, pose_noise_m=0.05), degraded(scene, pose_noise_deg=2.0)
     shifts, turns = [], []
     for view in scene:
-        at, before, after = (
-            view.cam_from_world,
-            moved[view.name].cam_from_world,
-            turned[view.name].cam_from_world,
-        )
+        at = view.cam_from_world
+        before = moved[view.name].cam_from_world
+        after = turned[view.name].cam_from_world
         shifts.append(np.linalg.inv(before)[:3, 3] - np.linalg.inv(at)[:3, 3])
         np.testing.assert_allclose(before[:3, :3], at[:3, :3], atol=1e-12)
         turns.append(Rotation.from_matrix(after[:3, :3] @ at[:3, :3].T).as_rotvec(degrees=True))

@@ -34,9 +34,8 @@ from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
-_SLOW_IMPORT = (
-    1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
-)
+# seconds; `sucre-bench list` imports every plugin and must answer in about one
+_SLOW_IMPORT = 1.0
 
 # Packages that take long to import; they belong inside the functions that use them.
 _HEAVY = {

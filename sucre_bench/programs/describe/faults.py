@@ -33,23 +33,17 @@ from sucre_bench.scene import Arrays, View
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 # of full scale: an image with a lower mean or standard deviation shows nothing
-_BLACK, _FLAT = (
-    0.02,
-    0.004,
-)
+_BLACK = 0.02
+_FLAT = 0.004
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
-_DISAGREES, _DOUBTFUL = (
-    0.03,
-    0.01,
-)
+_DISAGREES = 0.03
+_DOUBTFUL = 0.01
 _NOTHING = "nothing in common"
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
-_FIRM, _LOOSE = (
-    0.01,
-    0.06,
-)
+_FIRM = 0.01
+_LOOSE = 0.06
 _NAMED = 1 / 3  # share of the points that agree without a mistake that is named
 _AXES = np.diag([1.0, -1.0, -1.0, 1.0])  # between OpenCV's axes and OpenGL's
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)

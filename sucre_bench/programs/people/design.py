@@ -37,9 +37,8 @@ _FORMAT, _VERSION = "sucre_bench people's study", 1
 _CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
 _FILLED = 0.9  # of a cell without a hole: the rest are specks
 _LEAST_OF_ALL, _LEAST_OF_VIEW = 0.25, 0.1  # of the views that a study shows, and of each one
-_QUALITY = (
-    95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
-)
+# of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
+_QUALITY = 95
 
 
 @dataclass(frozen=True)

@@ -50,18 +50,16 @@ _UNITS = {
     0.3048: "feet",
     1000.0: "kilometres",
 }
-_NEAR, _SAME = (
-    0.05,
-    1e-3,
-)  # relative: a mesh is at a point, for most points; two units fit it alike
+# relative: a mesh is at a point, for most points
+_NEAR = 0.05
+# relative: two units fit a mesh alike
+_SAME = 1e-3
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
 _WORST = 0.05  # median relative difference of a fitted map from the sparse points
 # a map must be so much better than one constant depth, unless that is this good already
-_BETTER, _FLAT = (
-    0.7,
-    0.02,
-)
+_BETTER = 0.7
+_FLAT = 0.02
 _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 
 

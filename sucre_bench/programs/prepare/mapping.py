@@ -45,10 +45,10 @@ _REMEDY = (
 # the 20 x 20 cells of an image. Pairs count if most other matches move farther than 0.05 widths: what is straight
 # ahead of a slow camera stands still, too.
 _STILL_PX, _FAR, _CELLS, _OFTEN, _LARGEST, _PAIRS_LOOKED_AT = 1.0, 0.05, 20, 0.5, 0.1, 200
-_FEWEST_MATCHES, _FEWEST_PAIRS = (
-    15,
-    3,
-)  # of a pair that is looked at; with such matches in a cell
+# of a pair that is looked at
+_FEWEST_MATCHES = 15
+# with such matches in a cell
+_FEWEST_PAIRS = 3
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 
@@ -340,9 +340,8 @@ def _map(database: Path, count: int, attempt: _Attempt, is_held: bool) -> list[A
     folder = database.parent
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
-    options.num_threads = (
-        1  # with more threads the order of sums, and so the result, differs from run to run
-    )
+    # with more threads the order of sums, and so the result, differs from run to run
+    options.num_threads = 1
     options.mapper.init_min_num_inliers = attempt.start_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.ba_global_function_tolerance = 1e-6

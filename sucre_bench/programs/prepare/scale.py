@@ -19,9 +19,8 @@ from sucre_bench.machine.files import reading, regular
 from sucre_bench.programs.prepare.shots import Shot
 
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
-_LARGEST_ERROR = (
-    0.1  # greatest relative value of two standard errors of a scale from a depth track
-)
+# greatest relative value of two standard errors of a scale from a depth track
+_LARGEST_ERROR = 0.1
 
 # What is known of the scale, as prepare.json holds it: one entry of those that `known_scale` makes, or none.
 Known = Mapping[str, Any]

@@ -21,24 +21,18 @@ from sucre_bench.machine.files import regular
 from sucre_bench.machine.provenance import load
 from sucre_bench.programs.prepare.shots import Shot
 
-_VOXEL_PX = (
-    4.0  # side of a voxel, in pixels of a photo at the median depth; a voxel has one point
-)
+# side of a voxel, in pixels of a photo at the median depth; a voxel has one point
+_VOXEL_PX = 4.0
 _LEVELS = 5, 12  # of the octree
 _MOST_POINTS = 4_000_000  # before they are reduced to one a voxel
 # a point is an outlier if it is farther from its neighbours, in standard deviations
-_NEIGHBOURS, _SPREAD = (
-    20,
-    2.0,
-)
-_SMOOTH = (
-    0.02  # a larger relative difference of neighbouring depths is an edge, which has no normal
-)
+_NEIGHBOURS = 20
+_SPREAD = 2.0
+# a larger relative difference of neighbouring depths is an edge, which has no normal
+_SMOOTH = 0.02
 # relative: the surface hides what a photo measured, or is what it measured
-_IN_FRONT, _ON = (
-    0.03,
-    0.01,
-)
+_IN_FRONT = 0.03
+_ON = 0.01
 _ROWS = 256  # that rays are cast for at a time
 
 

@@ -39,16 +39,14 @@ _EXIF, _ICC, _MULTI = b"Exif\x00\x00", b"ICC_PROFILE\x00", b"MPF\x00"
 _START_OF_SCAN, _COMMENT, _EXIF_MARKER, _ADOBE = 0xDA, 0xFE, 0xE1, 0xEE
 _RGB_PROFILE = slice(16, 20)  # bytes of an ICC profile that name the colours it is for
 # Tags of a TIFF: what says where and how its pixels are stored, and the resolution of previews.
-_SIDES, _BITS, _COMPRESSION, _COLOURS, _OFFSETS, _SAMPLES, _ROWS, _COUNTS = (
-    256,
-    258,
-    259,
-    262,
-    273,
-    277,
-    278,
-    279,
-)
+_SIDES = 256
+_BITS = 258
+_COMPRESSION = 259
+_COLOURS = 262
+_OFFSETS = 273
+_SAMPLES = 277
+_ROWS = 278
+_COUNTS = 279
 _STORED = {
     254,
     255,

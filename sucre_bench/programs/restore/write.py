@@ -27,11 +27,10 @@ from sucre_bench.programs.restore.whole import as_photographed, whole, with_open
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
-# pairs on the contact sheet, evenly chosen; pixels of a picture's width
-_MOST_SHOWN, _WIDE = (
-    60,
-    320,
-)
+# pairs on the contact sheet, evenly chosen
+_MOST_SHOWN = 60
+# pixels of a picture's width
+_WIDE = 320
 _BYTES_A_PIXEL = 80  # that writing a picture takes: 1.8 GB for 24 megapixels
 _MOST_AT_ONCE = 4  # pictures that are written: a container or a cluster job may allow less memory than is free
 _ORIENTATION = 274

@@ -138,9 +138,8 @@ def _client(uri: str) -> MlflowClient:
     if uri.startswith(_SQLITE):
         from mlflow.store.db import utils
 
-        utils.MAX_RETRY_COUNT = (
-            2  # of a database that does not answer; else it takes two minutes
-        )
+        # of a database that does not answer; else it takes two minutes
+        utils.MAX_RETRY_COUNT = 2
     return MlflowClient(tracking_uri=uri)
 
 

@@ -98,9 +98,8 @@ def cells(table: Comparison, column: Column) -> list[Content | None]:
             "the difference from the best may be chance" if marks.mark else "",
             f"lacks {cell.holes} that others have" if cell.holes else "",
         ]
-        draws = (
-            interval and high > low and not column.has_few_views
-        )  # whose intervals are rough
+        # whose intervals are rough
+        draws = interval and high > low and not column.has_few_views
         whisker = [
             4 + (_WHISKER - 8) * (end - low) / (high - low)
             for end in (cell.low, cell.mean, cell.high)

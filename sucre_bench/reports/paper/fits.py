@@ -31,9 +31,8 @@ _FEWEST, _SPREAD = 4, 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
 _ROUNDS, _LEAST_S = 10, 1e-4
-_LABELLED = (
-    50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
-)
+# greatest over least number up to which the axis has 2 and 5 beside powers of ten
+_LABELLED = 50
 
 # Of water: parameter, as variants begin with it; its name in a run's records, and as an axis says it.
 _PARAMETERS = {

@@ -52,9 +52,8 @@ def test_colours_that_no_light_comes_from_are_not_known() -> None:
     observations, _, _ = observed(0.01, 0.0)
     distance = observations.distance.copy()
     for n, part in observations.slots():
-        distance[part][: min(n, 300)] = (
-            300  # red of beta .42: exp(-126), whose square is no number in float32
-        )
+        # red of beta .42: exp(-126), whose square is no number in float32
+        distance[part][: min(n, 300)] = 300
     gone = replace(observations, distance=distance)
     solution = calibrated(gone, colours_for_water(gone, WATER_OF_ALL, None, "numpy", "cpu"))
     assert np.isfinite(solution.deviation).all()
@@ -84,9 +83,8 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
     solution = calibrated(observations, found)
     for which in (near, ~near):
         several = which & (observations.counts >= 3)
-        error = (
-            np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745
-        )  # of a normal error
+        # of a normal error
+        error = np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745
         np.testing.assert_allclose(
             error, np.median(solution.deviation[:, several], axis=1), rtol=0.2
         )

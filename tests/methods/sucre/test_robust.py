@@ -70,9 +70,8 @@ def test_the_weight_of_two_is_that_of_their_difference() -> None:
     observations, _ = made(1, n_views=2, distances_m=(2, 5), seed=1)
     z = observations.distance.astype(np.float64)
     a = np.exp(-TRUE.beta[0] * z)
-    off = (
-        3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)
-    )  # of the second, from what the first foretells
+    # of the second, from what the first foretells
+    off = 3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)
     colour = observations.colour.copy()
     colour[0, 1] += off
     weight = reweighted(replace(observations, colour=colour), TRUE, np.full(3, 0.01)).weight

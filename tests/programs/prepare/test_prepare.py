@@ -297,9 +297,8 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     import pycolmap
 
     tags = Image.Exif()
-    tags.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = (
-        24  # in air; the port of a housing makes it 1.33 times longer
-    )
+    # in air; the port of a housing makes it 1.33 times longer
+    tags.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = 24
     (tmp_path / "photos").mkdir()
     for i, pose in enumerate(POSES[:4]):
         Image.fromarray(photograph(pose)).save(

@@ -37,9 +37,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     np.savez(folder / "restored/reef/clever/v0.npz", confidence=np.ones((HEIGHT, WIDTH)) * 0.1)
     mask = np.ones((HEIGHT, WIDTH), np.bool_)
-    mask[:, WIDTH // 2 : WIDTH * 3 // 4] = (
-        False  # where the picture has colours, as if by fill=true
-    )
+    # where the picture has colours, as if by fill=true
+    mask[:, WIDTH // 2 : WIDTH * 3 // 4] = False
     path = folder / "restored/reef/clever/v1.png"
     write_masked_png(path, cv2.imread(str(path)), mask)
     write_page(folder, rows)
