@@ -19,9 +19,8 @@ from sucre_bench.scene import Plane
 
 N_VIEWS = 2000
 STEP_M, DEPTH_M = 0.1, 2.0
-CAMERA = Camera(
-    np.array([[80.0, 0, 48], [0, 80, 36], [0, 0, 1]]), 96, 72
-)  # sees 2.4 m of the line
+# sees 2.4 m of the line
+CAMERA = Camera(np.array([[80.0, 0, 48], [0, 80, 36], [0, 0, 1]]), 96, 72)
 # 23 on either side overlap, and a margin of a pixel may let two more pass for such.
 REACH = int(CAMERA.width / 80 * DEPTH_M / STEP_M) - 1 + 2
 TURNS = 9

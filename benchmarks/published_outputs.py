@@ -325,7 +325,8 @@ def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
             SyntaxError,
             ValueError,
             Image.DecompressionBombError,
-        ) as fault:  # SyntaxError: a damaged PNG
+        ) as fault:
+            # SyntaxError: a damaged PNG
             progress.say(
                 f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}"
             )

@@ -97,11 +97,12 @@ def _rawpy(path: Path) -> Any:
 
 
 _SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
+# the closest to the images' size first
 _DEPTH_FOLDERS = (
     "depth_resized",
     "depth",
     "depthmaps",
-)  # the closest to the images' size first
+)
 
 
 @dataset(
@@ -253,9 +254,8 @@ def _depths(place: Path, names: Sequence[str]) -> dict[str, Path | str]:
             break
         try:
             found |= find_depths(folder, without)
-        except (
-            InputError
-        ) as fault:  # none of its maps is named after an image: those of another folder may be
+        except InputError as fault:
+            # none of its maps is named after an image: those of another folder may be
             refused.append(fault)
     if refused and not found:
         raise refused[0]

@@ -18,11 +18,12 @@ from sucre_bench.imaging.filters import denoised
 from sucre_bench.plugins.options import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
+# shares of red, green and blue light that a metre of water leaves
 _RESIDUAL = (
     0.83,
     0.95,
     0.97,
-)  # shares of red, green and blue light that a metre of water leaves
+)
 _KAPPA = (1.1, 0.9, 0.9)  # found by trial, in the publication
 _CHROMA = 1.3  # phi: the factor of weak chroma; full chroma keeps its value
 _LEVEL = 1 / 255  # a mode is a level of an 8-bit histogram

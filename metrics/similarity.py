@@ -98,9 +98,8 @@ def _ssim_of_rows(
         weights[5],
     )
     line = np.zeros((4, _TILE + 2 * RADIUS), np.float32)  # s, d, s^2, d^2 of a row
-    ring = np.zeros(
-        (2 * RADIUS + 1, 4, _TILE), np.float32
-    )  # the last rows, filtered along the row
+    # the last rows, filtered along the row
+    ring = np.zeros((2 * RADIUS + 1, 4, _TILE), np.float32)
     sums = np.zeros(_TILE)
     for left in range(0, width, _TILE):
         n = min(_TILE, width - left)

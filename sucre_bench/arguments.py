@@ -212,9 +212,8 @@ def array_of(
             masked: Any = value if value.dtype.kind == "f" else value.astype(np.float64)
             value = masked.filled(np.nan)
         array = np.asarray(value)
-    except (
-        Exception
-    ) as fault:  # of a list of lists of other lengths, or another library's array on a GPU
+    except Exception as fault:
+        # of a list of lists of other lengths, or another library's array on a GPU
         raise InputError(
             f"is a {type(value).__name__} that is no array", place, remedy
         ) from fault

@@ -38,9 +38,8 @@ def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    os.environ.setdefault(
-        "OPENCV_LOG_LEVEL", "OFF"
-    )  # else a damaged image costs ten lines more
+    # else a damaged image costs ten lines more
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # a letter that the locale lacks is a question mark

@@ -135,9 +135,8 @@ class ExperimentFile(_Source):
         path = Path(self.path)
         with reading(path, "save it as YAML in UTF-8"):
             text = regular(path).read_text(encoding="utf-8-sig")
-        content = read_yaml(
-            text
-        )  # without aliases, which may stand for more than fits into memory
+        # without aliases, which may stand for more than fits into memory
+        content = read_yaml(text)
         if not isinstance(content, dict):
             raise InputError(
                 "holds no keys",

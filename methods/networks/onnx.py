@@ -128,9 +128,8 @@ def _opened(
         raise InputError(
             f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}"
         ) from fault
-    if (
-        device == "cuda" and session.get_providers()[0] != _CUDA
-    ):  # not there, or it did not start
+    if device == "cuda" and session.get_providers()[0] != _CUDA:
+        # not there, or it did not start
         raise InputError(
             "onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
         )

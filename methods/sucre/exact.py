@@ -304,9 +304,8 @@ class _Search:
 
 
 def _water(end: Minimum, dead: Mask) -> WaterParameters:
-    return WaterParameters.of_channels(
-        np.where(dead[:, None], 0, end.at)
-    )  # a dead channel: J = I
+    # a dead channel: J = I
+    return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))
 
 
 def _uncertainty(

@@ -141,9 +141,8 @@ def _in_water_of_dive(
     """Return the view in even light, its solution in the common water of the dive, and what to say."""
     fitted = _of_dive(seen.scene, judging(options), model)
     if isinstance(fitted, SolveError):
-        raise type(fitted)(
-            *fitted.args
-        )  # a new one: a traceback holds what a view has in memory
+        # a new one: a traceback holds what a view has in memory
+        raise type(fitted)(*fitted.args)
     if fitted.light is None or fitted.light.is_known_of(seen.view.name):
         return *_coloured(seen, fitted), []
     light = fitted.light.with_typical(seen.view.name)

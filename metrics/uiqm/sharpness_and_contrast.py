@@ -191,9 +191,8 @@ def _taps(n: int, side: int) -> tuple[npt.NDArray[np.uint32], Array]:
     t = np.abs(place - index)
     near, far = 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
     weight = np.where(t <= 1, near, np.where(t <= 2, far, 0))
-    mirrored = np.r_[np.arange(n), np.arange(n)[::-1]].astype(
-        np.uint32
-    )  # numba looks no sign up
+    # numba looks no sign up
+    mirrored = np.r_[np.arange(n), np.arange(n)[::-1]].astype(np.uint32)
     return mirrored[index % (2 * n)], weight / weight.sum(axis=0)
 
 
@@ -283,9 +282,8 @@ def uiconm(shown: AnyArray, form: Contrast = Contrast()) -> float:
         found = level_extremes(shown, form.block, (red, green, blue))
         extremes = Extremes(found.least / scale, found.most / scale)
     k1, k2 = whole.shape
-    low, high = (
-        x[..., :k1, :k2][..., whole] for x in (extremes.least, extremes.most)
-    )  # (..., B)
+    # (..., B)
+    low, high = (x[..., :k1, :k2][..., whole] for x in (extremes.least, extremes.most))
     if form.fails_on_black and (high == 0).any():
         raise NotApplicableError(
             f"a block of {form.block}x{form.block} pixels is black, where the program divides 0 by 0"

@@ -71,9 +71,8 @@ def print_json(value: Any) -> None:
 
 
 def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[str]) -> None:
-    if (
-        files and not context.resilient_parsing
-    ):  # a shell that completes words asks for no plugin
+    if files and not context.resilient_parsing:
+        # a shell that completes words asks for no plugin
         from sucre_bench import plugins
 
         for file in files:

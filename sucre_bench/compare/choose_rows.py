@@ -44,6 +44,7 @@ from sucre_bench.results.rows import (
 )
 from sucre_bench.results.table import is_bundle, is_fresh, read_both
 
+# what names a score
 _NAMED = [
     "dataset",
     "method",
@@ -52,7 +53,7 @@ _NAMED = [
     "scene",
     "view",
     "region",
-]  # what names a score
+]
 _SAME = 1e-6  # relative difference of one score on two machines
 
 

@@ -63,9 +63,8 @@ def compare(
     rows = rows.assign(_asked=asked_for(rows, metrics), _fresh=is_fresh(rows))
     known = {dataset: about(each) for dataset, each in rows.groupby("dataset")}
     rows = rows.drop(columns=_UNUSED, errors="ignore")
-    rows = rows.sort_values(
-        "time", kind="stable"
-    )  # datasets, methods and metrics as they were run
+    # datasets, methods and metrics as they were run
+    rows = rows.sort_values("time", kind="stable")
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(

@@ -144,9 +144,8 @@ class _Why:
             return "not scored"
         if (method, view) in self._stale:
             return "of other data"
-        return self._known.get(
-            (method, *whole, ("", "")), "not run"
-        )  # the job failed as a whole
+        # the job failed as a whole
+        return self._known.get((method, *whole, ("", "")), "not run")
 
 
 def _counted(reasons: Iterable[str]) -> str:

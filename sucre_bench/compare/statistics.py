@@ -336,9 +336,8 @@ def leads(units: Units, best: int) -> Array:
     """
     rivals, gaps = _rivals(units, best)
     half = np.full(len(gaps), np.nan)
-    half[rivals] = [
-        differences(units, [(best, m)])[0] for m in rivals
-    ]  # Student's, each by itself
+    # Student's, each by itself
+    half[rivals] = [differences(units, [(best, m)])[0] for m in rivals]
     if all(gaps[m] > half[m] or gaps[m] == half[m] == 0 for m in rivals):
         return half
     return _in_steps(units, best, lambda left: list(combinations([best, *left], 2)))

@@ -199,16 +199,14 @@ def _stored_or_restored(
         wanted = shown_with(job.method.display, in_full=is_stored, in_run=True)
         with step(at, job.view_timeout_s), wanted:
             measured = measured_restore(method, scene, view, word, job.colours == "srgb")
-    except (
-        OutputError
-    ) as fault:  # of its own files, in a full TMPDIR for example: results can still be written
+    except OutputError as fault:
+        # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if is_stored:
         write_full(whole, measured, task.base)
     else:
-        with writing(
-            whole
-        ):  # it is of another restoration than the picture that is now beside it
+        with writing(whole):
+            # it is of another restoration than the picture that is now beside it
             whole.unlink(missing_ok=True)
     return measured
 

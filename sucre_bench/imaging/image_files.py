@@ -282,9 +282,8 @@ def _tiff_colours(data: bytes, place: str) -> AnyArray:
             )
             values = values.reshape(page.imagelength, page.imagewidth, page.samplesperpixel)
             n = _COLOURS[page.photometric]
-        except (
-            Exception
-        ) as fault:  # a compression that needs another package, LZW say, or a damaged file
+        except Exception as fault:
+            # a compression that needs another package, LZW say, or a damaged file
             form = "has transparency or planes in a form that cannot be read"
             raise InputError(form, place, "save it without transparency, or as PNG") from fault
         alpha = [i for i, kind in enumerate(page.extrasamples, n) if kind in _ALPHA][:1]
@@ -411,9 +410,8 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
     """
     with reading(path, "write it again with numpy.save"):
         if not zipfile.is_zipfile(regular(path)):
-            mapped = np.lib.format.open_memmap(
-                path, mode="r"
-            )  # a false size allocates no memory
+            # a false size allocates no memory
+            mapped = np.lib.format.open_memmap(path, mode="r")
             check_pixels(path, mapped.shape, channels=4)
             return np.array(mapped)
         if choose is None:

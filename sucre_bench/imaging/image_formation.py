@@ -29,9 +29,8 @@ def highest(plane: Array, share: float) -> Mask:
 
 def brightest(image: Array, among: Mask) -> Array:
     """Return (3,) float64: the colour of the brightest of some pixels (H, W), by R + G + B; of equals, the first."""
-    colours = image[among].astype(
-        np.float64
-    )  # (P, 3): one index counts pixels, another channels
+    # (P, 3): one index counts pixels, another channels
+    colours = image[among].astype(np.float64)
     return np.asarray(colours[colours.sum(axis=1).argmax()])
 
 

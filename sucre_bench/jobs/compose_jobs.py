@@ -243,7 +243,8 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
     if name not in node and groups not in (
         ["dataset"],
         ["method"],
-    ):  # whose options were checked
+    ):
+        # whose options were checked
         raise unknown_name(key, name, node)
     if is_deleted:
         del node[name]

@@ -91,7 +91,8 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
             LookupError,
             TypeError,
             ValueError,
-        ) as fault:  # of words of odd types
+        ) as fault:
+            # of words of odd types
             raise InputError(
                 first_line(fault), "", "`sucre-bench run --cfg all` shows what there is"
             ) from fault
@@ -227,9 +228,8 @@ def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
 
     if not name or name not in preset_names(group):
         return None
-    with warnings.catch_warnings(
-        action="ignore"
-    ):  # that _self_ is not in its defaults: it is last
+    with warnings.catch_warnings(action="ignore"):
+        # that _self_ is not in its defaults: it is last
         config = composed([], config=f"{group}/{name}")
     values = OmegaConf.to_container(config, resolve=False)
     assert isinstance(values, dict)

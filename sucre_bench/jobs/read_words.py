@@ -78,9 +78,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
     files = [word for word in words if _is_file(word)]
     for word in words:
-        if (
-            len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1
-        ):  # in quotes it is part of a name
+        if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:
+            # in quotes it is part of a name
             raise InputError(
                 f"{in_one_line(word)!r}: holds a line break; give each word in one line"
             )

@@ -91,9 +91,8 @@ class Posed:
 
 
 # A row of either file, before it is checked.
-_CameraRow = tuple[
-    int, str, int, int, tuple[float, ...]
-]  # id, model, width, height, parameters
+# id, model, width, height, parameters
+_CameraRow = tuple[int, str, int, int, tuple[float, ...]]
 _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera id, name
 _Row = TypeVar("_Row")
 

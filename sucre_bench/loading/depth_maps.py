@@ -224,13 +224,14 @@ def _read_tiff(path: Path) -> np.ndarray:
             return _read_picture(path)  # a compression for which tifffile needs another package
 
 
+# channels that programs store depth in, the likeliest first
 _DEPTH = (
     "Z",
     "V",
     "Y",
     "depth",
     "R",
-)  # channels that programs store depth in, the likeliest first
+)
 
 
 def _read_exr(path: Path) -> Array:

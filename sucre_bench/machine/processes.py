@@ -212,9 +212,8 @@ class Forked:
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         sending.close()
-        os.set_blocking(
-            self.messages.fileno(), False
-        )  # half a message must not hold this process
+        # half a message must not hold this process
+        os.set_blocking(self.messages.fileno(), False)
 
     @property
     def is_late(self) -> bool:

@@ -76,9 +76,8 @@ def requirements() -> Mapping[str, tuple[Requirement, str]]:
     """Return what sucre_bench needs, by name in the package index, each with its extra, "" for the core."""
     try:
         lines = importlib.metadata.requires("sucre-bench") or []
-    except (
-        importlib.metadata.PackageNotFoundError
-    ):  # run from its files, without an installation
+    except importlib.metadata.PackageNotFoundError:
+        # run from its files, without an installation
         lines = []
     needed = {}
     for line in lines:

@@ -32,7 +32,8 @@ def read_yaml(text: str) -> Any:
         LookupError,
         AttributeError,
         RecursionError,
-    ) as fault:  # of tags with odd values
+    ) as fault:
+        # of tags with odd values
         raise yaml.YAMLError(in_words(fault)) from fault
 
 

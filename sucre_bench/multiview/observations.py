@@ -266,10 +266,11 @@ def arrange(
     # pixels with more than k observations, (S,)
     n_more = n_pixels - np.cumsum(np.bincount(counts))[:-1]
     starts = np.concatenate([[0], np.cumsum(n_more)]).astype(np.int64)
+    # the next slot of each pixel
     filled, n = (
         np.zeros(n_pixels, dtype=np.int32),
         int(starts[-1]),
-    )  # the next slot of each pixel
+    )
     finest = np.result_type(
         np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen)
     )
@@ -357,9 +358,8 @@ def new_file(
     """Return a new, unfilled array in FOLDER/NAME.npy. Raises OSError if the disk has no room for it."""
     path = folder / f"{name}.npy"
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.dtype(dtype), shape=shape)
-    with path.open(
-        "r+b"
-    ) as file:  # else a full disk would kill the process when a page is written
+    with path.open("r+b") as file:
+        # else a full disk would kill the process when a page is written
         os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
     return array
 

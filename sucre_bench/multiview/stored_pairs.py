@@ -76,9 +76,8 @@ def paired(scene: Scene, target: View, **options: Unpack[Options]) -> Observatio
 
     def read(entry: Path) -> Observations | None:
         found = _read(entry)
-        return (
-            None if found is None or found.unreadable else found
-        )  # a file may be readable now
+        # a file may be readable now
+        return None if found is None or found.unreadable else found
 
     try:
         kept = get_or_make(entry, read, lambda work: _make(work, scene, target, stored))

@@ -353,9 +353,8 @@ def test_the_order_of_rows_changes_nothing():
     (other,) = compare.compare(
         frame([rows[n] for n in rng.permutation(len(rows))]), order="abc"
     )
-    np.testing.assert_equal(
-        astuple(other), astuple(one)
-    )  # NaN equals NaN, whichever object it is
+    # NaN equals NaN, whichever object it is
+    np.testing.assert_equal(astuple(other), astuple(one))
 
 
 def test_a_score_that_nobody_has_is_in_no_note_about_pixels():

@@ -85,9 +85,8 @@ def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
 
 def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None:
     write_set(tmp_path)
-    cameras = [
-        f"1 PINHOLE {WIDTH * 2} {HEIGHT * 2} 100 100 62 38"
-    ]  # made of copies twice as large
+    # made of copies twice as large
+    cameras = [f"1 PINHOLE {WIDTH * 2} {HEIGHT * 2} 100 100 62 38"]
     model = [
         ("T_S01.jpg", (1.0, 0, 0, 0, 0, 0, 0), 1),
         ("T_S02.jpg", (1.0, 0, 1.0, 0, -2.5, 0, 1.25), 1),

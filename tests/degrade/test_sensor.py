@@ -90,10 +90,11 @@ def test_a_point_still_falls_on_its_pixels_in_a_smaller_image():
     for plane in (view.rgb[..., 0], view.reference[..., 0], view.depth == 5):
         assert np.argwhere(plane).tolist() == [[12, 22]]
     np.testing.assert_allclose(view.charts[0].corners, [[22, 12], [23, 12], [23, 13], [22, 13]])
+    # nothing in between
     assert set(np.unique(degraded(scene, scale=0.4)["a.png"].depth)) == {
         5,
         9,
-    }  # nothing in between
+    }
     without_camera = replace(scene, views=[replace(scene.views[0], camera=None)])
     corners = degraded(without_camera, scale=1 / 3)["a.png"].charts[0].corners
     np.testing.assert_allclose(corners, view.charts[0].corners)

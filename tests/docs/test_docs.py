@@ -22,9 +22,8 @@ from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PLUGINS_OF_EXAMPLES = ("halve_blue",)  # of pages that make them
-FREE = re.compile(
-    r"(out|every|dataset\.root)="
-)  # commands that differ in these alone are alike
+# commands that differ in these alone are alike
+FREE = re.compile(r"(out|every|dataset\.root)=")
 
 
 def text_of(page: Path) -> str:

@@ -41,9 +41,8 @@ def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(
         for output in outputs
         if "text/html" in output.get("data", {})
     ]
-    assert (
-        sum("data:image/jpeg" in page for page in pages) == 4
-    )  # scene, view and two restorations
+    # scene, view and two restorations
+    assert sum("data:image/jpeg" in page for page in pages) == 4
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 1
     assert any("colorchecker-1" in page and "psi" in page for page in pages), (
         "the charts are scored"

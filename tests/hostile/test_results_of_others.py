@@ -83,9 +83,8 @@ def place(made: Path, tmp_path: Path) -> Path:
 def test_code_that_a_results_folder_names_does_not_run(place: Path, name: str):
     done = run_here(place, *COMMANDS[name].split())
     assert not (place / "ran").exists()
-    if (
-        name in OF_CONFIG and name != "compare"
-    ):  # which needs no code for scores of the same pixels
+    if name in OF_CONFIG and name != "compare":
+        # which needs no code for scores of the same pixels
         assert "evil.py" in done.stderr
         assert "--plugin" in done.stderr
 

@@ -234,6 +234,5 @@ def test_the_whole_is_its_steps() -> None:
     lab[..., 1] = (lab[..., 1] + 128) * (1 + max(0, b - a) / (a + b)) - 128
     lab[..., 2] = (lab[..., 2] + 128) * (1 + max(0, a - b) / (a + b)) - 128
     result = restored(Mlle(), MURK)
-    assert (
-        np.abs(result - lab2rgb(lab).clip(0, 1)).mean() < 5e-3
-    )  # OpenCV's L*a*b* is approximate
+    # OpenCV's L*a*b* is approximate
+    assert np.abs(result - lab2rgb(lab).clip(0, 1)).mean() < 5e-3

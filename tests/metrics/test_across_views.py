@@ -118,10 +118,11 @@ def test_the_truths_slope_is_zero_within_its_interval_and_the_inputs_is_not(
 
 
 def test_consistency_is_the_difference_between_two_flat_colours(hazy: Scene):
+    # grays: their Lab is the same under every white
     colours = (
         np.full(3, 0.4),
         np.full(3, 0.45),
-    )  # grays: their Lab is the same under every white
+    )
     scene = replace(hazy, views=hazy.views[:2])
     images = {
         view.name: np.ones_like(view.rgb) * colour

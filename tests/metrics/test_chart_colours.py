@@ -62,9 +62,8 @@ def test_angles_by_hand() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
-    assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(
-        0, abs=0.05
-    )  # float32
+    # float32
+    assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(0, abs=0.05)
     assert scores(Psi(), shown, "all", kind)["c"].value == pytest.approx(0, abs=0.05)
     assert scores(De00(), shown, "srgb", kind)["c"].value == pytest.approx(0, abs=1e-4)
 

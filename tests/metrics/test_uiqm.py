@@ -222,9 +222,8 @@ def slow_uiconm(image: Bytes, variant: str) -> float:
             if variant in ("chen", "chen-bgr", "uwcnn-plus")
             else total + e - total * e / 1026
         )
-    return 1026 - 1026 * (1 - total / 1026) ** (
-        1 / len(entropies)
-    )  # scaled by the PLIP product
+    # scaled by the PLIP product
+    return 1026 - 1026 * (1 - total / 1026) ** (1 / len(entropies))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -212,9 +212,8 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     assert pictures == {"gain": [0, 1, 2], "faulty": [0, 2]}
     assert len(pd.read_parquet(artifacts(parent) / "scores.parquet")) == len(rows)
     assert "gain" in parent.data.tags["mlflow.note.content"]
-    assert (
-        gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour
-    )  # that of the figures
+    # that of the figures
+    assert gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour
 
 
 def test_environment_variables_of_mlflow_are_the_defaults(

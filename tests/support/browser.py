@@ -152,9 +152,8 @@ class Browser:
             "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
         self.wait(lambda: not self._loading, "nothing is loading")
-        self._page.wait_for_timeout(
-            20
-        )  # for a complaint about the last one, which is on its way
+        # for a complaint about the last one, which is on its way
+        self._page.wait_for_timeout(20)
 
     def draws(self, seed: int) -> None:
         """From the next page on, let pages draw these random numbers."""

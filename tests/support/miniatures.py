@@ -20,9 +20,8 @@ from support.colmap_folder import picture, to_binary, write_image, write_model
 
 WIDTH, HEIGHT = 160, 120
 FAR = 9.0  # depth around the disk
-POINT = np.array(
-    [0.7, -0.4, 5.0]
-)  # of the world; off every axis, so that a distance is no depth
+# of the world; off every axis, so that a distance is no depth
+POINT = np.array([0.7, -0.4, 5.0])
 # centre; turn about x, y, z
 BOTH = (
     ((-0.8, -0.2, -0.1), (0.05, -0.04, 0.6)),

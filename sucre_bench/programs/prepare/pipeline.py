@@ -77,9 +77,8 @@ def prepare(
     """
     try:
         return _prepare(folder, out, options or Options(), known or {}, again)
-    except (
-        Exception
-    ) as fault:  # what any library raises, or how COLMAP dies, when the disk is full
+    except Exception as fault:
+        # what any library raises, or how COLMAP dies, when the disk is full
         is_own = isinstance(fault, SucreBenchError) and not isinstance(fault, PluginError)
         if not is_own and out.exists() and shutil.disk_usage(out).free < 1 << 20:
             raise not_writable(out, OSError(errno.ENOSPC, "")) from fault

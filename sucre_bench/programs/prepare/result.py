@@ -175,9 +175,8 @@ def write_result(
     near, far = np.quantile(
         np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98]
     )
-    on_page = shots[
-        :: -(-len(shots) // _MOST_SHOWN)
-    ]  # all, or evenly chosen ones of a long dive
+    # all, or evenly chosen ones of a long dive
+    on_page = shots[:: -(-len(shots) // _MOST_SHOWN)]
     pictures = {}
     qualities = []
     for shot in track(shots, "depth maps"):

@@ -84,9 +84,8 @@ _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (
 _PROFILE_TAG, _IPTC_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 33723, 1, 8, 2
 
 # Pillow writes a tag with the type in its own tables, so these learn the types once.
-TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(
-    _IPTC_TAG, type=TiffTags.UNDEFINED
-)  # of any length
+# of any length
+TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(_IPTC_TAG, type=TiffTags.UNDEFINED)
 for _directory, _tags in _UNTYPED.items():
     _known: Any = TiffTags.TAGS_V2_GROUPS[_directory]
     _known |= {tag: TiffTags.TagInfo(tag, type=TiffTags.UNDEFINED, length=1) for tag in _tags}

@@ -337,9 +337,8 @@ class _Check:
         common = common_pixels(
             {method: opened.restoration.valid for method, opened in found.items()}
         )
-        is_of_share = math.isclose(
-            common.share, said.value, abs_tol=1e-6
-        )  # it is written as text
+        # it is written as text
+        is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)
         kind = kind_of(said.status, said.code)
         if (common.kind, common.id) != (kind, said.code) or not is_of_share:
             there, here = (

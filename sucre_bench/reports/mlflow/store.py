@@ -153,9 +153,8 @@ def reported(uri: str) -> Iterator[None]:
         raise
     except Exception as fault:
         reason = shorten(masked(in_words(fault)), 200)
-        if (
-            "failed with exception" in reason
-        ):  # of a request, which has the reason in many words
+        if "failed with exception" in reason:
+            # of a request, which has the reason in many words
             reason = "the server does not answer"
         raise OutputError(
             f"cannot log in mlflow, {reason}", masked(uri), "check the URI"

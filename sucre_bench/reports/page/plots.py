@@ -270,9 +270,8 @@ def heading(label: str) -> Figure:
 
 # -- colour charts: each patch as measured and expected, and errors and hues over distance -----------------
 
-Scores = Mapping[
-    str, Mapping[str, float | None]
-]  # by "metric:variant" and method; None: infinite
+# by "metric:variant" and method; None: infinite
+Scores = Mapping[str, Mapping[str, float | None]]
 
 _MOST_SWATCHES = 40  # charts whose patches the page shows
 

@@ -178,9 +178,8 @@ def test_red_is_red_in_every_kind_of_file(tmp_path: Path, suffix: str):
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".webp", ".npy"])
 def test_transparent_pixels_are_holes_and_others_keep_their_colour(tmp_path: Path, suffix: str):
-    alpha = np.full(
-        (4, 6, 1), 128, np.uint8
-    )  # a reader that multiplies by it halves the colours
+    # a reader that multiplies by it halves the colours
+    alpha = np.full((4, 6, 1), 128, np.uint8)
     alpha[0, :2] = 0
     write(tmp_path / f"a{suffix}", np.concatenate([LEVELS, alpha], axis=2))
     image = restored(tmp_path).image

@@ -128,9 +128,8 @@ def test_no_room_names_a_plugin() -> None:
     """
     engine = Path(sucre_bench.__file__).parent
     names = {p.name for kind in KINDS for p in built_in(kind)} - ORDINARY_WORDS
-    quoted = re.compile(
-        rf"""["'`]({"|".join(names)})["'`:]"""
-    )  # parsing every file takes seconds
+    # parsing every file takes seconds
+    quoted = re.compile(rf"""["'`]({"|".join(names)})["'`:]""")
     plugin_folders = {"methods", "metrics", "datasets", "conf", "commands"}
     for path in engine.rglob("*"):
         room = path.relative_to(engine).parts[0]

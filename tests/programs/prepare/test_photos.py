@@ -165,9 +165,8 @@ def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refuse
 def test_the_relief_of_points_on_a_plane_is_that_plane():
     shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
     rays = pixel_rays(CAMERA)
-    truth = (2 + 0.03 - 0.1) / (
-        1 - rays[..., 0] / 10
-    )  # z = 2 + x / 10, from the camera's place
+    # z = 2 + x / 10, from the camera's place
+    truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)
     depth = of_surface(relief(shots), 1)(shots[0]).depth
     assert (depth > 0).mean() > 0.95
     assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
