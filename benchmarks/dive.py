@@ -18,7 +18,8 @@ from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Plane
 
 N_VIEWS = 2000
-STEP_M, DEPTH_M = 0.1, 2.0
+STEP_M = 0.1
+DEPTH_M = 2.0
 # sees 2.4 m of the line
 CAMERA = Camera(np.array([[80.0, 0, 48], [0, 80, 36], [0, 0, 1]]), 96, 72)
 # 23 on either side overlap, and a margin of a pixel may let two more pass for such.

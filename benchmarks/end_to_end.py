@@ -35,8 +35,11 @@ from sucre_bench.results.table import Part
 from sucre_bench.scene import Chart, Scene, View
 
 HERE = Path(__file__).resolve().parent.parent
-WIDTH, HEIGHT = 4000, 3000
-FEW, NEIGHBOURS = 2, 8  # of 100: what more neighbours take tells what 100 do
+WIDTH = 4000
+HEIGHT = 3000
+# of 100: what more neighbours take tells what 100 do
+FEW = 2
+NEIGHBOURS = 8
 PLAIN = ("tracking.uri=off", "report=false")
 
 

@@ -184,7 +184,8 @@ class Seathru(ImageScaleOption):
             f = self.focal_px
             # Of a known focal length: the axis meets the middle of the image.
             camera = centred_camera(f, *size) if f else None
-            pose, fault = None, ""
+            pose = None
+            fault = ""
             if len(posed) == 1:
                 camera = posed[0].camera
                 pose = scaled_pose(posed[0].cam_from_world, self.metres_per_unit)

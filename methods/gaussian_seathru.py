@@ -28,7 +28,9 @@ Kind = Literal["constant", "two_term"]
 # Starts of B, gamma and beta (1/m); the first is the authors' own. On the made scenes, each start ends in a worse
 # minimum than another one in some channel, by up to 1.5 in the likelihood.
 _STARTS = ((0.25, 0.1, 0.1), (0.25, 0.5, 0.5), (0.1, 0.2, 0.3))
-_LEAST, _GREATEST_LIGHT, _GREATEST_RATE = 1e-6, 1.0, 5.0
+_LEAST = 1e-6
+_GREATEST_LIGHT = 1.0
+_GREATEST_RATE = 5.0
 
 
 def negative_log_likelihood(water: ChannelWater, intensity: Array, z: Array) -> float:

@@ -24,7 +24,8 @@ from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View
 
 # Keypoints are sought in images of at most so many pixels a side, and so many are kept, the strongest.
-_SIDE_PX, _MOST = 1280, 4000
+_SIDE_PX = 1280
+_MOST = 4000
 
 # Holes are filled with the mean of their surroundings, a square of this side, so that they have few keypoints.
 _AROUND_PX = 31

@@ -13,7 +13,9 @@ from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 # Half the width of the hues that count as red, degrees; the least saturation and value of HSV.
-_HUE_DEG, _SATURATION, _VALUE = 25.0, 0.5, 0.1
+_HUE_DEG = 25.0
+_SATURATION = 0.5
+_VALUE = 0.1
 
 
 @metric(

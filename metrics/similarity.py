@@ -105,7 +105,9 @@ def _ssim_of_rows(
         n = min(_TILE, width - left)
         first, last = max(left - RADIUS, 0), min(left + n + RADIUS, width)
         line[:] = 0
-        typical_s, typical_d, seen = 0.0, 0.0, 0
+        typical_s = 0.0
+        typical_d = 0.0
+        seen = 0
         for row in range(start, end, 8):
             for x in range(left, left + n, 8):
                 if whole[row, x]:
@@ -306,7 +308,8 @@ def _funie_ssim(image: Array, reference: Array) -> float:
     vx, vy, both = (
         25 / 24 * (near(a * b) - near(a) * near(b)) for a, b in ((x, x), (y, y), (x, y))
     )
-    c1, c2 = 0.01**2, 0.03**2
+    c1 = 0.01**2
+    c2 = 0.03**2
     ssim = (2 * mx * my + c1) * (2 * both + c2) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
     return float(ssim.mean())
 

@@ -186,7 +186,8 @@ class NotApplicableError(SolveError):
 # What a plugin may raise. sys.exit in a plugin must not end a command; Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
 
-_LONGEST, _KEPT = 1000, 400  # characters of a message, and of the ends of a longer one
+_LONGEST = 1000  # characters of a message
+_KEPT = 400  # of the ends of a longer one
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from sucre_bench.machine.cache import get_or_make
 # patches have straight edges.
 _NEAR_M = 2.0
 _NEAR = (-3.5, -2.3, 7.0, 5.5)  # x0, y0, width, length, metres
-_COARSER, _FINER = 2.5, 0.4
+_COARSER = 2.5
+_FINER = 0.4
 
 
 @dataclass(frozen=True, eq=False)

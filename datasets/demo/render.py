@@ -314,7 +314,8 @@ class Lamp:
     covariance: Array
 
 
-_LAMP_REACH_M, _LAMP_STEPS = 3.0, 32
+_LAMP_REACH_M = 3.0
+_LAMP_STEPS = 32
 
 
 def _lamp(

@@ -22,7 +22,10 @@ from sucre_bench.machine.compute import usable_cores
 _LATTICE = 1024
 _FINER = 2  # the lattice is interpolated to this much finer once, and linearly from then on
 # What a step along z, an octave and a field move the lattice by, so that none of them repeats another.
-_SLICE_X, _SLICE_Y, _OCTAVE, _FIELD = 371.17, 173.31, 211.43, 97.61
+_SLICE_X = 371.17
+_SLICE_Y = 173.31
+_OCTAVE = 211.43
+_FIELD = 97.61
 
 
 @dataclass(frozen=True)
@@ -242,7 +245,8 @@ _CLEARING_M = 0.55  # around a chart
 # Of a boulder's turn (rad), flatness, stretch, sinking and hue; of the angle (rad), slope and level of its cuts.
 _LEAST, _MOST = np.array([(0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1, 0.2, 1)])
 _LEAST_CUT, _MOST_OF_CUTS = np.array([(0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8)])
-_SPAN, _SPAN_OF_CUTS = _MOST - _LEAST, _MOST_OF_CUTS - _LEAST_CUT
+_SPAN = _MOST - _LEAST
+_SPAN_OF_CUTS = _MOST_OF_CUTS - _LEAST_CUT
 
 
 @dataclass(frozen=True, eq=False)
@@ -431,11 +435,16 @@ def _paint_board(site: Site, width: float, height: float, texel: float) -> Array
 
 
 # Albedos, gamma-encoded sRGB: natural seabed colours, chosen by eye.
-_SAND, _SHELL = (0.72, 0.65, 0.53), (0.90, 0.87, 0.80)
-_ROCK_DARK, _ROCK_LIGHT = (0.34, 0.29, 0.26), (0.66, 0.59, 0.50)
-_TURF, _WEED = (0.45, 0.42, 0.22), (0.27, 0.34, 0.15)
-_CORALLINE, _SOFT_CORAL = (0.66, 0.42, 0.47), (0.50, 0.38, 0.52)
-_RED_SPONGE, _YELLOW_SPONGE = (0.76, 0.30, 0.18), (0.80, 0.66, 0.26)
+_SAND = (0.72, 0.65, 0.53)
+_SHELL = (0.90, 0.87, 0.80)
+_ROCK_DARK = (0.34, 0.29, 0.26)
+_ROCK_LIGHT = (0.66, 0.59, 0.50)
+_TURF = (0.45, 0.42, 0.22)
+_WEED = (0.27, 0.34, 0.15)
+_CORALLINE = (0.66, 0.42, 0.47)
+_SOFT_CORAL = (0.50, 0.38, 0.52)
+_RED_SPONGE = (0.76, 0.30, 0.18)
+_YELLOW_SPONGE = (0.80, 0.66, 0.26)
 
 # of the seabed painted at once: what is worked on stays in the processor's cache
 _BAND_ROWS = 128

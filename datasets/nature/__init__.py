@@ -26,7 +26,8 @@ Relief = Literal["normal", "flat", "rough"]
 _VERSION = 2  # to be raised whenever equal options make another scene than before
 _MOST_PIXELS = 200_000_000  # of all views
 _PLANES = ("rgb", "reference", "depth", "pose", "water")
-_MILD_POSE_PX, _MILD_DEPTH = 0.5, 0.005
+_MILD_POSE_PX = 0.5
+_MILD_DEPTH = 0.005
 
 
 @dataset(

@@ -16,7 +16,9 @@ RAYS = 3  # on a side of a pixel; the middle one passes through the pixel's cent
 FAR_M = 25.0  # no ground is seen beyond
 CELL_M = 0.025
 CELLS = 2048  # on a side; the ground repeats after that
-TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL = 2.2, 9, 0.78
+TEXTURE_M = 2.2
+TEXTURE_OCTAVES = 9
+TEXTURE_FALL = 0.78
 _LATTICE = 256
 
 
@@ -38,7 +40,8 @@ def octaves(lattice: Array, xy: Array, scale_m: float, count: int, fall: float) 
     values = np.zeros(len(xy))
     for n in range(len(xy)):
         x, y = xy[n, 0] / scale_m, xy[n, 1] / scale_m
-        amplitude, power = 1.0, 0.0
+        amplitude = 1.0
+        power = 0.0
         for _ in range(count):
             values[n] += amplitude * _noise(lattice, x, y)
             power += amplitude * amplitude

@@ -65,7 +65,9 @@ def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended
     In every case (in time, too late or interrupted), the rest of its process group gets SIGTERM, and SIGKILL three
     seconds later.
     """
-    process, in_time, peak_mb = None, False, 0.0
+    process = None
+    in_time = False
+    peak_mb = 0.0
     started = time.perf_counter()
     limit = started + (inf if timeout is None else timeout)
     tails = bytearray(), bytearray()

@@ -88,7 +88,8 @@ class Tacl(_Published):
 
 # Pixels: sides of tiles, and what neighbours share. A pixel sees 13 others to each side, fewer than a quarter of the
 # overlap: tiles leave no trace.
-WATER_NET_TILE, WATER_NET_OVERLAP = 512, 64
+WATER_NET_TILE = 512
+WATER_NET_OVERLAP = 64
 
 
 @method(
@@ -139,7 +140,9 @@ class WaterNet(_Published):
 
 # Pixels: sides of tiles, what neighbours share, and what sides are multiples of. A pixel sees 90 others to each side at
 # most, fewer than a quarter of the overlap: tiles leave no trace.
-FUNIE_TILE, FUNIE_OVERLAP, FUNIE_MULTIPLE = 1024, 384, 32
+FUNIE_TILE = 1024
+FUNIE_OVERLAP = 384
+FUNIE_MULTIPLE = 32
 
 
 @method(

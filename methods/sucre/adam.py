@@ -27,7 +27,9 @@ from sucre_bench.methods.sucre.model import derivatives
 from sucre_bench.multiview.observations import Observations
 
 # Adam's own (Kingma & Ba 2015), which the paper does not change: how much a step keeps of its means; eps.
-MEAN, SQUARE, EPS = 0.9, 0.999, 1e-8
+MEAN = 0.9
+SQUARE = 0.999
+EPS = 1e-8
 
 PROGRESS = "SUCRe (Adam)"
 

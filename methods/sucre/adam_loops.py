@@ -29,8 +29,10 @@ from sucre_bench.methods.sucre.passes import Block, blocks
 from sucre_bench.multiview.observations import Observations
 
 # How much a step keeps of Adam's means, and what is new in them.
-_MEAN, _SQUARE = np.float32(MEAN), np.float32(SQUARE)
-_TO_MEAN, _TO_SQUARE = np.float32(1 - MEAN), np.float32(1 - SQUARE)
+_MEAN = np.float32(MEAN)
+_SQUARE = np.float32(SQUARE)
+_TO_MEAN = np.float32(1 - MEAN)
+_TO_SQUARE = np.float32(1 - SQUARE)
 
 # Pixels that are worked on at once.
 _PX = 1024

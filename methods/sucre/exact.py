@@ -61,10 +61,13 @@ _ROUNDING = 1e-12
 _Evaluate = Callable[[Array], ReducedSystem]
 
 # Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
-_SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
+_SCREEN = 2_000
+_STARTS = 8
+_MINIMA = 3
 
 # Minima whose parameters differ by less (relative) are one. A sample cannot rank costs that differ by less (relative).
-_ALIKE, _UNDECIDED = 0.05, 0.01
+_ALIKE = 0.05
+_UNDECIDED = 0.01
 
 # The cost has twin minima: one with a backscatter like the attenuation, and one with a far larger backscatter, whose
 # veil is full at all distances: an offset of all colours, most of which it makes negative. Light that differs between
@@ -73,7 +76,9 @@ _ALIKE, _UNDECIDED = 0.05, 0.01
 _HANDICAP = 0.05
 
 # Tolerances on the promised gain, relative to the cost: to tell minima apart, on the sample, and at the end.
-_SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
+_SCREENED = 1e-4
+_ROUGHLY = 1e-6
+_TOLERANCE = 1e-7
 
 # With matched footprints, colours may be below zero by this many standard deviations of a pixel's noise. Where no light
 # is left, noise alone puts half of all colours below zero: of 20,000 pixels, 27 below three deviations, and one below
@@ -93,7 +98,8 @@ _GRID = (0.05, 0.2, 0.7, 2.0, 6.0)
 _MOST_DEPTH = 30.0
 
 # Deviations of the priors, as optical depths.
-_SPREAD_ALIKE, _SPREAD_DEPTH = 0.5, 3.0
+_SPREAD_ALIKE = 0.5
+_SPREAD_DEPTH = 3.0
 
 # A parameter whose standard error is more than this share of its value is not determined.
 _LOOSE = 0.5

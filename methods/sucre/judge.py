@@ -12,7 +12,7 @@ Every second view of the dive is one half. Each model is fitted to one half, and
   third. Water that is removed too much turns far ground.
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is at most 1.2 times the
-photograph's, or that of the first steps of the paper's Adam where these are a choice: a veil pales far ground, so a
+photograph's, or that of the first steps of the paper's Adam where these tell a water: a veil pales far ground, so a
 photograph drifts less. The admissible model of the least held-out error leads; of those within 5 %, the one that stands
 first in `_candidates`: fewer parts of light, footprints before pixels, since these are right where poses and depth are,
 and robust weights before equal ones. It must predict better than the paper's steps, or these are taken: drift, which
@@ -56,9 +56,13 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_in_run, typed_option
 from sucre_bench.scene import Scene
 
-# Targets and pixels of each that models are judged on; tiles along the longer side; fewest pixels of a tile's mean, and
-# fewest means that tell anything.
-_TARGETS, _PIXELS, _TILES, _FEWEST, _ENOUGH = 3, 10_000, 30, 8, 30
+# Targets, and pixels of each, that models are judged on.
+_TARGETS = 3
+_PIXELS = 10_000
+# Tiles along the longer side; fewest pixels of a tile's mean, and fewest means that tell anything.
+_TILES = 30
+_FEWEST = 8
+_ENOUGH = 30
 
 # Views of a longer scene that take part, neighbours in its middle.
 _VIEWS = 64
@@ -67,7 +71,9 @@ _VIEWS = 64
 _TELLING = (Parts(lens=True), Parts(3, lens=True))
 
 # The rule: see above.
-BETTER, _TIE, _DRIFT = 0.95, 1.05, 1.2
+BETTER = 0.95
+_TIE = 1.05
+_DRIFT = 1.2
 
 # The display that drift is measured in.
 _SHOWN = "black-0.5-white-99"
@@ -467,7 +473,7 @@ class Court:
             and self.tells_water(known[model], model)
         ]
         steps = best(telling)[:1]
-        drifts = [known[model].drift for model in steps]
+        drifts = [known[model].drift for model in telling]
         most_drift = _DRIFT * max([next(iter(known.values())).drift_of_photograph, *drifts])
         if leading := best(allowed, most_drift) or least_error:
             judge(

@@ -27,7 +27,9 @@ from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting,
 from sucre_bench.scene import Encoding, Scene, View, Water
 
 # Values that are accepted. Adam has no bounds: in air the paper's ended at beta = -0.23 1/m.
-_LEAST, _MOST_B, _MOST_RATE = -0.5, 2.0, 100.0
+_LEAST = -0.5
+_MOST_B = 2.0
+_MOST_RATE = 100.0
 
 _SUFFIXES = (".json", ".npz")
 

@@ -56,13 +56,18 @@ def terms(at: Array) -> Array:
     return np.stack([x, y, x * x, x * y, y * y, r * r])
 
 
-# Standard deviation of coefficients beforehand, logarithms of light, the most; the noise of the one observation that a
-# weak prior is worth.
-_WEAK, _NOISE = 0.7, 0.01
+# Standard deviation of coefficients beforehand, logarithms of light, the most.
+_WEAK = 0.7
+# The noise of the one observation that a weak prior is worth.
+_NOISE = 0.01
 
 # The least spread of coefficients, the least whose changes matter, rounds that find the spreads, the change of their
 # squares that ends them, and the fewest coefficients that tell one.
-_LEAST, _SMALL, _ROUNDS, _SETTLED, _TOLD = 1e-3, 3e-3, 15, 0.1, 0.01
+_LEAST = 1e-3
+_SMALL = 3e-3
+_ROUNDS = 15
+_SETTLED = 0.1
+_TOLD = 0.01
 
 # Tiles along each side of the target, and of all images, in which errors are alike.
 TILES = 6
@@ -74,10 +79,12 @@ _STARTS = ((0.1, 0.3), (0.7, 0.7))
 _SCREEN = 300
 
 # Tolerance of the starts and of the last descent.
-_ROUGHLY, _TOLERANCE = 1e-4, 1e-6
+_ROUGHLY = 1e-4
+_TOLERANCE = 1e-6
 
 # Largest logarithm of a coefficient, and optical depth over the median distance.
-_MOST, _DEEPEST = 3.0, 30.0
+_MOST = 3.0
+_DEEPEST = 30.0
 
 _PART = 1 << 16  # observations at a time
 
@@ -97,7 +104,8 @@ class Parts:
 
 EVEN_LIGHT = Parts()
 
-AUTO, EVEN = "auto", "even"
+AUTO = "auto"
+EVEN = "even"
 _WORDS = {"exposure": Parts(1), "white_balance": Parts(3), "lens": Parts(lens=True)}
 
 

@@ -23,9 +23,10 @@ _FIRST_DAMPING = 1e-3
 # With so much damping no step of any length lowers the cost: it is at its rounding, or at a kink.
 _STUCK = 1e12
 
-# Added to a matrix of unit diagonal, so that parameters of which only a combination matters have a step; and besides
-# the lift of one that is not convex.
-_SINGULAR, _CONVEX = 1e-12, 1e-6
+# Added to a matrix of unit diagonal, so that parameters of which only a combination matters have a step.
+_SINGULAR = 1e-12
+# Added besides the lift of a matrix that is not convex.
+_CONVEX = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)

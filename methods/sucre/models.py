@@ -62,7 +62,8 @@ from sucre_bench.plugins.call_method import typed_option
 _JUDGED = 5_000
 
 # Pixels that light is fitted to, and those that its start comes from.
-_LIT, _STARTED = 4_000, 1_500
+_LIT = 4_000
+_STARTED = 1_500
 
 # From here on, a channel may have been cut off.
 _FULL = 0.99

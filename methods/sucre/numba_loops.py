@@ -42,25 +42,27 @@ _PLACES = 1 << 13
 SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
 LOG2_E = 1 / np.log(2)
-_ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
-_WALL, _LEAST = np.float32(WALL), np.float32(LEAST)
+_ONE = np.float32(1)
+_ZERO = np.float32(0)
+_HALF = np.float32(0.5)
+_WALL = np.float32(WALL)
+_LEAST = np.float32(LEAST)
 # Powers of two short of the limits of float32, also when they are squared: no light is 2^-60, not 0, whose colour is
 # 0 / 0.
-_LOWEST, _HIGHEST = np.float32(DARKEST), np.float32(125)
+_LOWEST = np.float32(DARKEST)
+_HIGHEST = np.float32(125)
 _LIFT = np.float32(256)  # makes exponents positive, where cutting off is rounding down
-_BIAS, _MANTISSA = np.int32(127), np.int32(23)  # of float32's layout
+# of float32's layout
+_BIAS = np.int32(127)
+_MANTISSA = np.int32(23)
 
 # (2^f - 1) / f for |f| <= 1/2, f the polynomial's argument: minimax, 2^f within 2e-9 before rounding.
-_C1, _C2, _C3 = (
-    np.float32(0.6931471824645996),
-    np.float32(0.24022650718688965),
-    np.float32(0.055503278970718384),
-)
-_C4, _C5, _C6 = (
-    np.float32(0.009618005715310574),
-    np.float32(0.001340028247795999),
-    np.float32(0.0001547588617540896),
-)
+_C1 = np.float32(0.6931471824645996)
+_C2 = np.float32(0.24022650718688965)
+_C3 = np.float32(0.055503278970718384)
+_C4 = np.float32(0.009618005715310574)
+_C5 = np.float32(0.001340028247795999)
+_C6 = np.float32(0.0001547588617540896)
 
 
 @inline

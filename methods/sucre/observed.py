@@ -27,9 +27,10 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.sucre import Sucre
 
 
-# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little. The fewest with
-# equal footprints that are worth a fit of their own.
-SAMPLE, _FEWEST_MATCHED = 20_000, 200
+# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
+SAMPLE = 20_000
+# The fewest with equal footprints that are worth a fit of their own.
+_FEWEST_MATCHED = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +143,11 @@ class Observed:
         )
 
 
-# Targets of a dive, spread evenly over the scene; fewer serve where only its model is judged; and views whose light is
-# fitted together at most: that takes minutes.
-_TARGETS, JUDGED_TARGETS, TOGETHER = 40, 8, 512
+# Targets of a dive, spread evenly over the scene; fewer serve where only its model is judged.
+_TARGETS = 40
+JUDGED_TARGETS = 8
+# Views whose light is fitted together at most: that takes minutes.
+TOGETHER = 512
 
 # Pixels of all targets of a dive that is judged.
 _JUDGED = 6_000

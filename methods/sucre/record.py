@@ -56,19 +56,27 @@ UNDETERMINED = (
 )
 
 # Number of observations used, and the largest leverage.
-_SAMPLE, _DECISIVE = 50_000, 0.9
+_SAMPLE = 50_000
+_DECISIVE = 0.9
 
 # The histogram: bins half a level of 8 bits wide, the middle one around 0, to a quarter of full scale either side.
-_BIN, _BINS = 1 / 510, 255
+_BIN = 1 / 510
+_BINS = 255
 
 # Places of the quantiles, in standard deviations of a normal distribution: the x axis of a normal plot.
 _Z = np.linspace(-4, 4, 161)
 
 # Density of residuals over fits: bins of each, reach in standard deviations, fewest residuals for a bin's quantiles.
-_FITS, _RESIDUALS, _REACH, _ENOUGH = 32, 41, 5.0, 30
+_FITS = 32
+_RESIDUALS = 41
+_REACH = 5.0
+_ENOUGH = 30
 
 # Points followed over distance: their number, the share of widest ranges, fewest and most observations of each.
-_TRACKS, _WIDEST, _FEWEST, _MOST = 30, 0.05, 4, 16
+_TRACKS = 30
+_WIDEST = 0.05
+_FEWEST = 4
+_MOST = 16
 
 
 @contextmanager

@@ -70,7 +70,9 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.solution import Solution
 
 # Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
-_SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
+_SAMPLE = 30_000
+_FEWEST = 200
+_CLASSES = 12
 
 # The least noise: rounding to 8 bits has a standard deviation of .0011.
 _LEAST_NOISE = 1e-3
@@ -81,17 +83,22 @@ _LEAST_SLOPE = 0.25
 # An observation that has more than this share of its pixel's information has hardly any residual.
 _ALONE = 0.95
 
-# `followed`. Half a window, as a share of the image's width; at least so many pixels.
-_HALF, _FEWEST_PX = 0.005, 3
+# `followed`. Half a window, as a share of the image's width, and at least so many pixels.
+_HALF = 0.005
+_FEWEST_PX = 3
 
 # Variance of things that look alike, added to the guide's and to that of weights.
-_ALIKE, _FLOOR = 1e-4, 1e-3
+_ALIKE = 1e-4
+_FLOOR = 1e-3
 
 # The percentile of r / v that is taken for noise alone, and the one of relative noise that ranks channels.
-_PLAIN, _WORST = 10, 90
+_PLAIN = 10
+_WORST = 90
 
 # Least brightness that noise is compared with, the variance of a colour without any information, and a divisor.
-_DARK, _UNKNOWN, _TINY = 0.02, 1e4, 1e-9
+_DARK = 0.02
+_UNKNOWN = 1e4
+_TINY = 1e-9
 
 # `ImagePrior`. Deviation of reflectances. Less of it helps made scenes as shown, more of it charts. In linear light:
 # sRGB's curve raises bright intensities to nearly the power 2.4, which multiplies relative deviations by as much. A
@@ -99,10 +106,12 @@ _DARK, _UNKNOWN, _TINY = 0.02, 1e4, 1e-9
 SPREAD = 0.2
 SPREAD_LINEAR = 2.4 * SPREAD
 
-_ROUNDS, _ROUNDS_OF_S = 30, 4
+_ROUNDS = 30
+_ROUNDS_OF_S = 4
 
 # Pixels that the mean colour is estimated from, and pixels that are worked on at a time.
-_SAMPLE_OF_PRIOR, _BLOCK = 20_000, 1 << 15
+_SAMPLE_OF_PRIOR = 20_000
+_BLOCK = 1 << 15
 
 # Least variance of the brightness of an image, .01 squared: with less, all pixels would become equally bright.
 _LEAST_VARIANCE = 1e-4
@@ -110,10 +119,14 @@ _LEAST_VARIANCE = 1e-4
 # No surface is more than so many times as bright as the brightest percent, by more than so many deviations. Marine
 # snow far away is 10 to 100 times as bright; real photographs have no such pixels. In linear light 3 to the power 2.4.
 # What the camera could show from nearby, up to 1, is never too bright: a white chart before dark ground, say.
-_BRIGHTEST, _TIMES, _TIMES_LINEAR, _SURE = 0.99, 3, 14, 4
+_BRIGHTEST = 0.99
+_TIMES = 3
+_TIMES_LINEAR = 14
+_SURE = 4
 
 # Variances of a colour that is known as well as can be, and of one without any information.
-_EXACT, _ENDLESS = 1e-7, 1e12
+_EXACT = 1e-7
+_ENDLESS = 1e12
 
 # The least sum that is divided by.
 _LEAST_SUM = 1e-100

@@ -61,13 +61,16 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Restoration, View
 
 # Side of the window of a mean, the largest gap that is closed, and the width of a field's rim, pixels.
-_WINDOW, _GAP, _RIM = 9, 7, 12.0
+_WINDOW = 9
+_GAP = 7
+_RIM = 12.0
 
 # A mean counts as far as its square exceeds so many times the square of its standard error.
 _CHANCE = 4.0
 
 # The least transmission and the least square of a number that is divided by.
-_DARK, _LEAST_SQUARE = 1e-6, 1e-12
+_DARK = 1e-6
+_LEAST_SQUARE = 1e-12
 
 
 def evened(observations: Observations, J: Array, water: WaterParameters, target: str) -> Array:
@@ -147,25 +150,30 @@ def _field(there: Mask) -> Array:
 
 # -- edges ----------------------------------------------------------------------
 
-# Half a window, of means and of sides, as a share of the image's width; at least so many pixels.
-_HALF, _FEWEST = 0.005, 3
+# Half a window, of means and of sides, as a share of the image's width, and at least so many pixels.
+_HALF = 0.005
+_FEWEST = 3
 
 # Differences count in means up to so many typical ones.
 _CLIPPED = 3.0
 
 # A pixel is contradicted from the first chi on, and wholly from the second on.
-_DOUBT, _SURE = 9.0, 25.0
+_DOUBT = 9.0
+_SURE = 25.0
 
 _FAINTEST = 1e-3
 
 # Pixels that typical differences are taken from, and entries of their table over distance.
-_SAMPLE, _FINE = 200_000, 1000
+_SAMPLE = 200_000
+_FINE = 1000
 
 # Sum of the robust weights of other views that agree.
 _AGREE = 1.5
 
 # Classes of distance, the median of the square of a standard normal number, and the least noise (8 bits).
-_CLASSES, _MEDIAN_OF_SQUARE, _LEAST_NOISE = 12, 0.455, 2e-3
+_CLASSES = 12
+_MEDIAN_OF_SQUARE = 0.455
+_LEAST_NOISE = 2e-3
 
 
 def corrected_edges(

@@ -46,9 +46,10 @@ C2 = 30.0
 # An observation is wrong if its weight is below this: s^2 > c^2, which noise makes in one of 700,000.
 WRONG = 1 / 4
 
-# A view of another place, mirrored, or with another depth map has more than this share of wrong observations; fewer
-# observations tell nothing.
-_ELSEWHERE, _TOLD = 0.8, 10
+# A view of another place, mirrored, or with another depth map has more than this share of wrong observations.
+_ELSEWHERE = 0.8
+# Fewer observations tell nothing.
+_TOLD = 10
 
 # Light below this share tells no colour; dividing by it would overflow.
 _FAINTEST = 1e-20
@@ -59,7 +60,8 @@ _ROUNDS = 4
 _ELEMENTS = 1 << 14  # places in a block: temporaries stay in the cache
 
 # Pixels that the noise is estimated on, and the least noise: rounding to 8 bits has a standard deviation of 1e-3.
-_SAMPLE, LEAST_NOISE = 5_000, 1e-3
+_SAMPLE = 5_000
+LEAST_NOISE = 1e-3
 
 # The median of |x| is this part of the standard deviation of a normal x.
 _MEDIAN_OF_NORMAL = 0.6745

@@ -27,8 +27,10 @@ _TYPICAL = (
 )
 _NO_VEIL = "no veil can be seen, and none was removed"
 
-# Tiles along each side of a target, whose errors count as independent; places in a block.
-_TILES, _PLACES = 6, 1 << 16
+# Tiles along each side of a target, whose errors count as independent.
+_TILES = 6
+# Places in a block.
+_PLACES = 1 << 16
 
 # A parameter whose standard error is more than this share of its value is called undetermined.
 _LOOSE = 0.5

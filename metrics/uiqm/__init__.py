@@ -119,7 +119,10 @@ _ABOUT: dict[str, Any] = {
     "better": "higher",
     "cites": "Panetta, Gao & Agaian 2016",
 }
-_COLOUR, _SHARP, _CONTRAST = Colourfulness(), Sharpness(), Contrast()  # as published
+# as published
+_COLOUR = Colourfulness()
+_SHARP = Sharpness()
+_CONTRAST = Contrast()
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +136,8 @@ class _Form:
     weights: tuple[float, float, float] = (0.0282, 0.2953, 3.5753)
 
 
-_BLUE144, _BLUE144_BGR = (0.299, 0.587, 0.144), (0.144, 0.587, 0.299)
+_BLUE144 = (0.299, 0.587, 0.144)
+_BLUE144_BGR = (0.144, 0.587, 0.299)
 _FUNIE = _Form(
     "as in xahidbuffon/FUnIE-GAN, the port most copied: blue144, UIConM without PLIP over the three channels",
     sharp=Sharpness(weights=_BLUE144),

@@ -236,7 +236,8 @@ def _resized(
 # UIConM, the contrast in UIQM: the entropy of the levels' range in blocks (logAMEE).
 
 _PLIP = 1026.0  # gamma and k
-_LUMA, _REC709 = (299, 587, 114), (2125, 7154, 721)  # thousandths, ten-thousandths
+_LUMA = (299, 587, 114)  # thousandths
+_REC709 = (2125, 7154, 721)  # ten-thousandths
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,7 +59,8 @@ from sucre_bench.compare.model import (
 )
 
 # With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
-_RESAMPLES, _FEWEST = 5000, 2000
+_RESAMPLES = 5000
+_FEWEST = 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples
 _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95

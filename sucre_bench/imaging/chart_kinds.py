@@ -59,7 +59,9 @@ def colorchecker_sg() -> ChartKind:
     lab = colour.XYZ_to_Lab(
         colour.xyY_to_XYZ(np.array(list(published.data.values()))), published.illuminant
     )
-    width, height = 14 - 1 / 8, 10 - 1 / 8  # in pitches
+    # in pitches
+    width = 14 - 1 / 8
+    height = 10 - 1 / 8
     boxes = [
         (x / width, y / height, (x + 7 / 8) / width, (y + 7 / 8) / height)
         for y in range(10)

@@ -24,7 +24,9 @@ PROFILE = (
     "profile"  # the name in the record of the profile from which a restoration was converted
 )
 
-_EXIF, _INTEROPERABILITY, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
+_EXIF = 0x8769
+_INTEROPERABILITY = 0xA005
+_COLOUR_SPACE = 0xA001
 _BEYOND = 8.0  # a curve goes on as a straight line up to this intensity: restorations may leave [0, 1]
 _D50 = np.array([0.9642, 1, 0.8249])  # of ICC profiles
 _SRGB_LIKE = 1.5 / 255  # a profile that changes no colour by more is sRGB's

@@ -21,7 +21,9 @@ from sucre_bench.imaging.image_formation import ChannelWater, TwoTerm, distances
 from sucre_bench.scene import Restoration, View, Water
 
 # The longest side of the grid in cells, the contrast that counts as an edge, and the least link across one.
-_CELLS, _EDGE, _WEAKEST = 200, 0.05, 1e-3
+_CELLS = 200
+_EDGE = 0.05
+_WEAKEST = 1e-3
 
 # Variance of the guide below which it counts as flat, when distances are brought to the image's pixels.
 _FLAT = 1e-3

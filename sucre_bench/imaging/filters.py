@@ -10,7 +10,8 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import from_lab, to_lab
 from sucre_bench.imaging.display import gray_world_gain
 
-_ACROSS, _SPACE = 5, 3.0  # pixels: of the window, and the spatial standard deviation
+_ACROSS = 5  # pixels of the window
+_SPACE = 3.0  # spatial standard deviation, in pixels
 
 
 def denoised(rgb: Array, noise: float) -> Array:

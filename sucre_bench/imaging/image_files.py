@@ -46,7 +46,9 @@ PICTURE_READERS = ("cv2", "PIL", "tifffile")  # the packages that read these fil
 
 # The environment variable of the most megapixels that a picture may have, and its default: two of the largest cameras'
 # pictures. The most bytes a pixel: four channels of 32 bits.
-_LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
+_LIMIT = "SUCRE_BENCH_MAX_MEGAPIXELS"
+_MEGAPIXELS = 250.0
+_BYTES = 16
 
 _JPEG = b"\xff\xd8"  # its first bytes
 # a JPEG's further pictures are previews, or the second lens of a camera

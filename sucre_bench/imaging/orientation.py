@@ -13,7 +13,8 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.image_files import metadata_of, say_once_a_folder
 
-_TAG, _SIDE = 274, 32  # pixels of the pictures that are compared
+_TAG = 274
+_SIDE = 32  # pixels of the pictures that are compared
 _BACK = {6: 8, 8: 6}  # what undoes an orientation, if not itself
 
 

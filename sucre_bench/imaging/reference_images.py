@@ -14,7 +14,9 @@ from sucre_bench.scene import View
 _BLOCK = 0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
 _DARK = 4 / 255
 _LEAVE_OUT = "leave it out if its reference has holes"
-_SIDE, _BLUR_PX = 48, 4.0  # of the outlines that are compared
+# of the outlines that are compared
+_SIDE = 48
+_BLUR_PX = 4.0
 # Of 15 methods' right pictures, those of other views were less alike by .09 at least; of wrong ones, more by .09.
 NEARER = 0.05
 

@@ -33,13 +33,21 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import stretch
 
 # Pixels: of the longer side, of a strip along and across; how many directions; how full a strip must be.
-_SIDE, _LONG, _WIDE, _DIRECTIONS, _FULL = 512, 31, 5, 6, 0.8
+_SIDE = 512
+_LONG = 31
+_WIDE = 5
+_DIRECTIONS = 6
+_FULL = 0.8
 
 # Relative difference of the strips' distances; how many groups of distances, and the fewest places of one.
-_SAME_SURFACE, _GROUPS, _FEWEST = 0.1, 8, 1000
+_SAME_SURFACE = 0.1
+_GROUPS = 8
+_FEWEST = 1000
 
-# From where on a step is visible, in units of the picture's contrast; and unusual, in typical ones.
-VISIBLE, _UNUSUAL = 0.05, 5.0
+# From where on a step is visible, in units of the picture's contrast.
+VISIBLE = 0.05
+# From where on it is unusual, in typical steps.
+_UNUSUAL = 5.0
 
 # Places the coefficients are found on, of each direction.
 _SAMPLE = 1 << 14

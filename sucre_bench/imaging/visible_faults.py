@@ -44,7 +44,8 @@ _STANDS_OUT = 15.0
 _TEXTURE = 0.008
 # share of it that is none
 _LESS = 0.25
-_WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
+_WAS_RED_HUE_DEG = 25
+_RED_HUE_DEG = 15
 
 
 @dataclass(frozen=True)

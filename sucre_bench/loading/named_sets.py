@@ -33,7 +33,8 @@ from sucre_bench.machine.text_formats import first_few
 _SAME = 24
 _ALIKE = 60
 _COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
-_SIDE, _FREQUENCIES = 64, 16
+_SIDE = 64
+_FREQUENCIES = 16
 _HEAD = ("name", "other_names", "width", "height", "image", "reference")
 _ABOUT = ("about", "of", "source", "licence", "used_by")
 _SHOWN = 4  # names in a sentence

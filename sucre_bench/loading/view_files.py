@@ -252,7 +252,8 @@ def _resampled(read: Callable[[Path], Array], lens: Lens, camera: Camera, path: 
 _WHOLE = 1 << 20  # bytes; larger files are hashed in blocks
 
 
-_BLOCKS, _BLOCK = 16, 4096
+_BLOCKS = 16
+_BLOCK = 4096
 
 
 def data_id_of(views: Sequence[View], *more: object) -> str:

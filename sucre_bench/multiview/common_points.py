@@ -23,16 +23,21 @@ from sucre_bench.scene import View
 _SIDE = 8
 
 # Patches of a view that are tried, and those of a pair that are kept: their mean has an error of 5 % of the spread.
-_TRIED, _KEPT = 4000, 400
+_TRIED = 4000
+_KEPT = 400
 
-# A patch counts if at least this share of its pixels is matched; a pair if it has so many patches.
-_FILLED, _FEWEST = 0.75, 5
+# A patch counts if at least this share of its pixels is matched.
+_FILLED = 0.75
+# A pair counts if it has so many patches.
+_FEWEST = 5
 
 # A view is paired with at most so many others, evenly spread over those that it overlaps.
 _OTHERS = 16
 
-# From this ratio of footprints on, nine pixels of the nearer view are taken for one; their depths agree to this share.
-_MUCH_NEARER, _SAME_SURFACE = 1.5, 0.03
+# From this ratio of footprints on, nine pixels of the nearer view are taken for one.
+_MUCH_NEARER = 1.5
+# The depths of these nine agree to this share.
+_SAME_SURFACE = 0.03
 
 # Surfaces held in memory, 4 MB each.
 _HELD = 64

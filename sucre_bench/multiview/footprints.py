@@ -54,20 +54,24 @@ _MOSTLY = 0.5
 # The variance of a square pixel, in pixels^2.
 _SQUARE = 1 / 12
 
-# Variances in px^2 of a view's Gaussian. Whole pixels average a narrower one badly; a wider one, of a view that is 16
-# times as close as the farthest, takes too long.
-_LEAST, _MOST = 0.1, 256.0
+# Variances in px^2 of a view's Gaussian. Whole pixels average a narrower one badly.
+_LEAST = 0.1
+# A wider one, of a view that is 16 times as close as the farthest, takes too long.
+_MOST = 256.0
 
 # Where the variance is larger than this along all directions, a smaller image serves as well, px^2.
 _ENOUGH = 2.5
 
 # The window reaches to so many standard deviations. Points are left out when less than this share of their window lies
 # in the image and on the same plane, within a share of the depth.
-_REACH, _SHARE, _PLANE = 3.0, 0.99, 0.03
+_REACH = 3.0
+_SHARE = 0.99
+_PLANE = 0.03
 
 # The plane is fitted to inverse depths of 5 x 5 pixels. Where their rms distance to it is larger (relative), the
 # surface is rough and is taken to face the camera.
-_HALF, _ROUGH = 2, 0.005
+_HALF = 2
+_ROUGH = 0.005
 
 # Views of a target that are read; more add little to a water.
 _VIEWS = 32

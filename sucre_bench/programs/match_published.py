@@ -51,7 +51,9 @@ _RARE = (*_FURTHER, _PEAK, "wrapped")
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
 # rounding inside a program moves single pictures.
-_MOST, _CLOSE, _NEAR = 0.95, 2e-4, 1e-2
+_MOST = 0.95
+_CLOSE = 2e-4
+_NEAR = 1e-2
 
 
 @dataclass(frozen=True, slots=True)

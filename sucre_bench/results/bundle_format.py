@@ -30,8 +30,10 @@ from sucre_bench.machine.files import open_atomically, reading, regular
 from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame, is_of_common_pixels
 from sucre_bench.results.table import check_values
 
-MANIFEST, SCORES = "bundle.json", "scores.csv"
-_FORMAT, _VERSION = "sucre_bench bundle", 1
+MANIFEST = "bundle.json"
+SCORES = "scores.csv"
+_FORMAT = "sucre_bench bundle"
+_VERSION = 1
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that ZIP knows
 _STORED = (".png", ".jpg")  # what is compressed already
 _REGULAR_FILE = stat.S_IFREG | 0o644

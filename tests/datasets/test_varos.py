@@ -14,7 +14,8 @@ from sucre_bench.datasets.varos import Varos
 from sucre_bench.errors import InputError
 from sucre_bench.scene import View
 
-WIDTH, HEIGHT = 32, 18
+WIDTH = 32
+HEIGHT = 18
 CAMERA = "focal_length: 30.0\nsensor_width: 32.0\nsensor_height: 24.0\nresolution:\n  width: 32\n  height: 18\n"
 HEADER = "# timestamp [ns],r11,r12,r13,s_x_vw [m],r21,r22,r23,s_y_vw [m],r31,r32,r33,s_z_vw [m]"
 POSE_FILE = "camM0_poses/camM0_poses_transformation_matrix.csv"

@@ -40,7 +40,8 @@ def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
         (b"wtpt", xyz((0.9642, 1, 0.8249)))
     ]
     tags += [(b"desc", b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(79))]
-    body, table = b"", b""
+    body = b""
+    table = b""
     for name, tag in tags:
         table += name + struct.pack(">II", 132 + 12 * len(tags) + len(body), len(tag))
         body += tag + bytes(-len(tag) % 4)

@@ -153,7 +153,8 @@ def test_with_constant_weights_it_is_the_weighted_mean(size: tuple[int, int], le
     np.testing.assert_allclose(blended(inputs, weights, levels), expected, atol=2e-6)
 
 
-HEIGHT, WIDTH = 90, 120
+HEIGHT = 90
+WIDTH = 120
 V, U = np.mgrid[:HEIGHT, :WIDTH] + 0.5
 
 

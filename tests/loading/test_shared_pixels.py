@@ -15,7 +15,8 @@ from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.scene import Scene
 
-W, H = 400, 300
+W = 400
+H = 300
 
 
 @pytest.fixture(params=[np.uint8, np.uint16])

@@ -17,7 +17,8 @@ from sucre_bench.machine import files
 from sucre_bench.machine.processes import interrupts_held_back
 from sucre_bench.machine.text_formats import masked
 
-ESCAPE, COLOUR = "\x1b[", re.compile(r"\x1b\[(?:\d+;)*3\d")
+ESCAPE = "\x1b["
+COLOUR = re.compile(r"\x1b\[(?:\d+;)*3\d")
 RUN = ("dataset=toy", "method=faulty", "metrics=[redness]", "tracking.uri=off", "report=false")
 
 pytestmark = pytest.mark.short

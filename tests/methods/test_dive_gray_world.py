@@ -11,7 +11,8 @@ from support.made_scene import WATER
 from sucre_bench import Arrays, NotApplicableError, Scene, SolveError, View
 from sucre_bench.methods.dive_gray_world import DiveGrayWorld, pooled
 
-HEIGHT, WIDTH = 90, 120
+HEIGHT = 90
+WIDTH = 120
 
 
 def in_water(seed: int, nearest: float, farthest: float) -> tuple[View, np.ndarray]:

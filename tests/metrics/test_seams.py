@@ -9,7 +9,8 @@ from sucre_bench.imaging.seams import find_seams
 from sucre_bench.metrics.seams import Seams
 from sucre_bench.scene import Arrays, Restoration, Score, View
 
-H, W = 240, 320
+H = 240
+W = 320
 
 
 def photograph() -> tuple[Array, Array]:

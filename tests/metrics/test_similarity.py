@@ -110,7 +110,8 @@ def test_ssim_of_funie_gan_has_the_windows_of_scipy_beyond_the_borders() -> None
         va, vb, cov = (
             25 / 24 * (z - w) for z, w in ((aa, ma * ma), (bb, mb * mb), (ab, ma * mb))
         )
-        c1, c2 = 2.55**2, 7.65**2
+        c1 = 2.55**2
+        c2 = 7.65**2
         truth.append(
             np.mean(
                 (2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))

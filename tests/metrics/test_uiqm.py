@@ -16,7 +16,8 @@ from sucre_bench.metrics.uiqm import Uicm, Uiconm, Uiqm, Uism
 from sucre_bench.scene import Arrays, Restoration, Score, View
 
 VARIANTS = tuple(Uiqm.__plugin__.variants)
-UIQM, PARTS = Uiqm(), (Uicm(), Uism(), Uiconm())
+UIQM = Uiqm()
+PARTS = (Uicm(), Uism(), Uiconm())
 Metric = Uiqm | Uicm | Uism | Uiconm
 Bytes = npt.NDArray[np.uint8]
 

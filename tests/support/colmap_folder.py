@@ -6,7 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-WIDTH, HEIGHT = 40, 30
+WIDTH = 40
+HEIGHT = 30
 CAMERA = f"1 PINHOLE {WIDTH} {HEIGHT} 50 60 20.5 14.5"
 FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # at the world's origin, along its z axis
 

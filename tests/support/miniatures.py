@@ -18,7 +18,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene, View
 from support.colmap_folder import picture, to_binary, write_image, write_model
 
-WIDTH, HEIGHT = 160, 120
+WIDTH = 160
+HEIGHT = 120
 FAR = 9.0  # depth around the disk
 # of the world; off every axis, so that a distance is no depth
 POINT = np.array([0.7, -0.4, 5.0])

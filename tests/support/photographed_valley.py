@@ -11,7 +11,9 @@ from sucre_bench.camera import Camera
 from sucre_bench.programs.prepare.shots import Shot
 from support.made_scene import make_pose
 
-WIDTH, HEIGHT, FOCAL = 240, 180, 217.5
+WIDTH = 240
+HEIGHT = 180
+FOCAL = 217.5
 CAMERA = Camera(
     np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT
 )

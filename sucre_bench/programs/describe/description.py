@@ -32,7 +32,10 @@ from sucre_bench.scene import Water
 
 _BINS = 12
 _MOST = 60  # views on a sheet, evenly chosen
-_WIDE, _GAP, _HEAD = 300, 8, 64  # pixels
+# pixels
+_WIDE = 300
+_GAP = 8
+_HEAD = 64
 _GRAY = 128
 
 

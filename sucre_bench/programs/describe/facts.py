@@ -285,7 +285,8 @@ def seen_from(other: View, view: View, points: Array) -> tuple[Array, Array, Arr
 # Water is measured by what changes between a near and a far look at one place. Views from one height over flat ground
 # see each place from one distance; then any attenuation explains them, whatever the depth maps.
 
-_VIEWS, _POINTS = 12, 1000  # views, evenly chosen and as many beside them; points of each
+_VIEWS = 12  # evenly chosen, and as many beside them
+_POINTS = 1000  # of each
 
 _FEW = 0.05  # of all places: too few to see the water by
 

@@ -35,7 +35,9 @@ _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 # of full scale: an image with a lower mean or standard deviation shows nothing
 _BLACK = 0.02
 _FLAT = 0.004
-_SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
+# shares of pixels
+_SATURATED = 0.05
+_COVERED = 0.5
 # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _DISAGREES = 0.03
 _DOUBTFUL = 0.01

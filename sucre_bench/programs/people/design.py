@@ -33,10 +33,13 @@ from sucre_bench.results.rows import restorations, row_objects
 ViewKey = tuple[str, str]  # scene and name
 
 QUESTION = "Which picture shows the scene better?"
-_FORMAT, _VERSION = "sucre_bench people's study", 1
+_FORMAT = "sucre_bench people's study"
+_VERSION = 1
 _CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
 _FILLED = 0.9  # of a cell without a hole: the rest are specks
-_LEAST_OF_ALL, _LEAST_OF_VIEW = 0.25, 0.1  # of the views that a study shows, and of each one
+# of the views that a study shows, and of each one
+_LEAST_OF_ALL = 0.25
+_LEAST_OF_VIEW = 0.1
 # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 _QUALITY = 95
 

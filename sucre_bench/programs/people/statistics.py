@@ -28,7 +28,8 @@ from sucre_bench.machine.text_formats import counted
 
 Numbers = npt.NDArray[np.intp]
 
-_FEWEST_VOTES, _FEWEST_PEOPLE = 30, 6
+_FEWEST_VOTES = 30
+_FEWEST_PEOPLE = 6
 _RESAMPLES = 500
 _LEVEL = 0.95
 

@@ -37,13 +37,17 @@ _WIDEST = 0.1  # gap in the surface from a measured point, as a share of the dis
 _NEXT = 0.01  # likewise: closer to a measured point, another photo measured the place
 _MOST_MILLIMETRES = 65_500
 _NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
-_LEAST_TRACK, _FEWEST_OF_RELIEF = 3, 20
+_LEAST_TRACK = 3
+_FEWEST_OF_RELIEF = 20
 _NEAREST = 8
 _ODD = 6.0  # in median absolute deviations of a height from its neighbours
 _LONG = 6.0  # longest edge, in median edges
 
 # How a pixel got its depth, as `depth_origin/` stores it; 0: it has none.
-MEASURED, FUSED, INTERPOLATED, GIVEN = 1, 2, 3, 4
+MEASURED = 1
+FUSED = 2
+INTERPOLATED = 3
+GIVEN = 4
 
 
 class DepthMap(NamedTuple):

@@ -44,7 +44,12 @@ _REMEDY = (
 # A logo has matches that move less than so many pixels, in the same cells for so large a share of pairs, and in few of
 # the 20 x 20 cells of an image. Pairs count if most other matches move farther than 0.05 widths: what is straight
 # ahead of a slow camera stands still, too.
-_STILL_PX, _FAR, _CELLS, _OFTEN, _LARGEST, _PAIRS_LOOKED_AT = 1.0, 0.05, 20, 0.5, 0.1, 200
+_STILL_PX = 1.0
+_FAR = 0.05
+_CELLS = 20
+_OFTEN = 0.5
+_LARGEST = 0.1
+_PAIRS_LOOKED_AT = 200
 # of a pair that is looked at
 _FEWEST_MATCHES = 15
 # with such matches in a cell

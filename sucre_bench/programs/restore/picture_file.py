@@ -35,8 +35,13 @@ _OF_PIXELS = {
     b"sPLT",
     b"acTL",
 }
-_EXIF, _ICC, _MULTI = b"Exif\x00\x00", b"ICC_PROFILE\x00", b"MPF\x00"
-_START_OF_SCAN, _COMMENT, _EXIF_MARKER, _ADOBE = 0xDA, 0xFE, 0xE1, 0xEE
+_EXIF = b"Exif\x00\x00"
+_ICC = b"ICC_PROFILE\x00"
+_MULTI = b"MPF\x00"
+_START_OF_SCAN = 0xDA
+_COMMENT = 0xFE
+_EXIF_MARKER = 0xE1
+_ADOBE = 0xEE
 _RGB_PROFILE = slice(16, 20)  # bytes of an ICC profile that name the colours it is for
 # Tags of a TIFF: what says where and how its pixels are stored, and the resolution of previews.
 _SIDES = 256
@@ -81,7 +86,11 @@ _STORED = {
 # Bytes without a type of their own, which Pillow would call numbers: configuration of components, maker note, comment,
 # source of file and scene, settings; of GPS, method and area.
 _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (27, 28)}
-_PROFILE_TAG, _IPTC_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 33723, 1, 8, 2
+_PROFILE_TAG = 34675
+_IPTC_TAG = 33723
+_NO_COMPRESSION = 1
+_DEFLATE = 8
+_RGB = 2
 
 # Pillow writes a tag with the type in its own tables, so these learn the types once.
 # of any length

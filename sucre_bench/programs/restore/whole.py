@@ -28,12 +28,15 @@ _SHARP = 4
 
 # Cells of a patch that counts as measured: smaller ones are false matches on waves and in water. So are patches of
 # fewer than the second number of cells that look more like water than the share.
-_FEWEST, _LARGE, _WATERY = 9, 60, 0.2
+_FEWEST = 9
+_LARGE = 60
+_WATERY = 0.2
 
 # Open water: its texture is below this share of the median texture of ground, its red below this quantile of ground's.
 # Lost trust in a disc cut out of the ground, of a fifth of the image's width: reef 1 %, flat seabed 0, tiles of a pool
 # 5 %.
-_SMOOTH, _RED = 0.2, 0.01
+_SMOOTH = 0.2
+_RED = 0.01
 
 # How much smooth places with more red than that are like open water: murk above a reef. With 0 the reef's gain made
 # brown clouds of it. Mean and largest loss of trust in such discs, flat seabed, kelp, and pool: 0: 0 and 0, .1 and .6,

@@ -46,7 +46,8 @@ _ROUNDED = "needs the restoration before it was rounded"
 _VIEW = ["dataset", "scene", "view"]
 # Rounding moves pixels over the limits of a share: 6.5e-5 of them at most, in 24 restored images of D5 by six methods.
 _MOVED = 0.001
-_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8\xff"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 LONGEST_TAG = 5000
 _LONGEST_DIGEST = 36
-_MOST_PARAMS, _MOST_METRICS = 100, 1000  # of one request
+# of one request
+_MOST_PARAMS = 100
+_MOST_METRICS = 1000
 _PICTURE_SIZE = (640, 640)
 
 Value = tuple[str, float, int, int]  # name, value, step, and milliseconds since 1970

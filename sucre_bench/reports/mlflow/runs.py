@@ -24,7 +24,8 @@ from sucre_bench.results import layout
 from sucre_bench.results.rows import Row, fingerprint, restorations, tuples, values_of
 from sucre_bench.results.table import read_both
 
-_LONGEST_PARAM, _LONGEST_NOTE = 6000, 7500
+_LONGEST_PARAM = 6000
+_LONGEST_NOTE = 7500
 _MOST_RUNS = 50_000  # of one answer of mlflow
 _MOST_PICTURES = 40  # of a dataset, evenly chosen; all whole pictures are among the artifacts
 _CODE = 12  # digits of a row's code that are of dataset and method

@@ -21,16 +21,21 @@ from sucre_bench.results.rows import KEYS, restorations
 
 # Of residuals: views drawn of each dataset and method; points, and colours of the model's curves, over distance; and
 # how many standard deviations a histogram shows.
-_VIEWS, _POINTS, _CURVES, _REACH = 2, 12, 6, 5
+_VIEWS = 2
+_POINTS = 12
+_CURVES = 6
+_REACH = 5
 
 # Of scaling: what the table of times has of each restoration, and the panels' titles.
 _STAGES = {"seconds": "whole restoration", "pair": "pairing", "solve": "solving"}
 
 # The fewest points a line is drawn through, and the least ratio of their observations.
-_FEWEST, _SPREAD = 4, 2.0
+_FEWEST = 4
+_SPREAD = 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
-_ROUNDS, _LEAST_S = 10, 1e-4
+_ROUNDS = 10
+_LEAST_S = 1e-4
 # greatest over least number up to which the axis has 2 and 5 beside powers of ten
 _LABELLED = 50
 

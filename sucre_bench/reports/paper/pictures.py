@@ -30,10 +30,13 @@ _TEXT = 0.15  # inches, a line
 _GAP = 0.03  # inches between pictures
 
 # Of seams: views drawn of each dataset, and methods of each.
-_VIEWS, _METHODS = 2, 5
+_VIEWS = 2
+_METHODS = 5
 
 # The window enlarged: its share of the picture's width, and its height over its width; the top of the scale of steps.
-_WINDOW, _SHAPE, _TOP = 0.22, 0.75, 0.25
+_WINDOW = 0.22
+_SHAPE = 0.75
+_TOP = 0.25
 
 # A picture is another one where so much of it differs from the photograph by more than its JPEG file does.
 _DIFFERS = 8 / 255

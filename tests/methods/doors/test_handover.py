@@ -34,7 +34,9 @@ def test_distance_is_from_the_cameras_centre():
     image = restored(
         "cp {distance} {output}", scene, depth_format="npy", output_suffix=".npy"
     ).image
-    right, below = 2.5 / 6, 1.5 / 6  # the last pixel's ray, from K
+    # the last pixel's ray, from K
+    right = 2.5 / 6
+    below = 1.5 / 6
     assert image[3, 5, 0] == pytest.approx(DEPTH[3, 5] / 2 * np.sqrt(1 + right**2 + below**2))
 
 

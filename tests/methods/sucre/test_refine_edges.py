@@ -9,7 +9,8 @@ from sucre_bench.methods.sucre.refine_views import corrected_edges
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
 BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
-NEAR, FAR = 2.0, 5.0
+NEAR = 2.0
+FAR = 5.0
 WATER = WaterParameters(
     *(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter"))
 )

@@ -12,7 +12,8 @@ from sucre_bench.methods.sucre.robust import reweighted, robust_noise
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
-N, WATER_OF_ALL = 20_000, parameters(WATER)
+N = 20_000
+WATER_OF_ALL = parameters(WATER)
 
 
 def observed(sigma: float, tau: float) -> tuple[Observations, np.ndarray, np.ndarray]:

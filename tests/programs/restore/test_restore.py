@@ -389,7 +389,9 @@ def test_the_preview_of_the_photograph_goes() -> None:
     """File managers would show the colours of before."""
     small = io.BytesIO()
     Image.fromarray(np.zeros((12, 18, 3), np.uint8)).save(small, "JPEG")
-    order, first, second = b"II*\x00\x08\x00\x00\x00", 1, 2
+    order = b"II*\x00\x08\x00\x00\x00"
+    first = 1
+    second = 2
     at = 8 + 2 + 12 * first + 4
     directory = (
         first.to_bytes(2, "little")

@@ -26,7 +26,9 @@ def write_page(out: Path, rows: pd.DataFrame) -> Path:
 
 
 SHEET = "#scores [data-dataset]:not([hidden]) [data-table]:not([hidden])"  # the table of scores that is shown
-WIDTH, HEIGHT = 1000, 500  # of the pictures: larger than their thumbnails
+# of the pictures: larger than their thumbnails
+WIDTH = 1000
+HEIGHT = 500
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from sucre_bench import Camera, InputError, Scene, View, Water, dataset
 
-HEIGHT, WIDTH = 48, 64
+HEIGHT = 48
+WIDTH = 64
 WATER = Water(np.array([0.05, 0.3, 0.35]), np.array([0.5, 0.12, 0.09]), np.array([0.35, 0.15, 0.12]))
 
 
