@@ -486,7 +486,7 @@ class Court:
         # `min` takes the first of equals: the paper's steps.
         leaders = [*steps, *best(allowed, most_drift)[:1]]
         chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
-        if chosen in known and not self.tells_water(known[chosen], chosen):
+        if chosen not in (NO_WATER, *telling) and not self.tells_water(known[chosen], chosen):
             chosen = NO_WATER
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
         is_clear = (
