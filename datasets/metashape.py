@@ -165,24 +165,28 @@ _UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """An aligned camera.
-
-    label: without the suffix of an image; named: what its image is called, with what is known of its folders.
-    """
+    """An aligned camera."""
 
     label: str
+    """Without the suffix of an image."""
+
     named: str
+    """What its image is called, with what is known of its folders."""
+
     lens: Lens
     cam_from_world: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """Cameras aligned with each other. scale: metres in a unit of the chunk, None where nothing set it."""
+    """Cameras aligned with each other."""
 
     label: str
     cameras: list[Aligned]
+
     scale: float | None
+    """Metres in a unit of the chunk; None where nothing set it."""
+
     is_one_of_several: bool
 
 

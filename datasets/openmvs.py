@@ -110,20 +110,28 @@ _MOST_VIEWS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """The header of a depth map.
-
-    image: name of the image file in OpenMVS; camera: at the image's size, pixel centres at +0.5;
-    cam_from_world: (4, 4) float64, in units of the reconstruction; shape: (height, width) of the depths; offset: of the
-    first depth, in bytes; dtype: of a depth; factor: of stored depths.
-    """
+    """The header of a depth map."""
 
     image: str
+    """Name of the image file in OpenMVS."""
+
     camera: Camera
+    """At the image's size, pixel centres at +0.5."""
+
     cam_from_world: Array
+    """Shape (4, 4), float64, in units of the reconstruction."""
+
     shape: tuple[int, int]
+    """Height and width of the depths."""
+
     offset: int
+    """Of the first depth, in bytes."""
+
     dtype: np.dtype[Any]
+    """Of a stored depth."""
+
     factor: float
+    """What a stored depth is multiplied by."""
 
 
 def read_header(path: Path) -> Header:

@@ -38,17 +38,20 @@ _LEAST_DEVIATION = 1 / 255  # a level of 8 bits: what varies less is noise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeStatistics:
-    """What a dive looks like at each range.
-
-    range_m: (K,) mean distance of each bin's pixels, metres, ascending; mean, deviation: (K, 3) of each channel;
-    pixels: (K,) how many each bin has; views: how many were counted.
-    """
+    """What a dive looks like at each range."""
 
     range_m: Array
+    """Mean distance of each bin's pixels, (K,) metres, ascending."""
+
+    # Of each channel, (K, 3).
     mean: Array
     deviation: Array
+
     pixels: Array
+    """How many each bin has, (K,)."""
+
     views: int
+    """How many were counted."""
 
     def at(self, z: Array, channel: int) -> tuple[Array, Array]:
         """Return a channel's mean and deviation (...) at distances z (...), linear between bins, constant beyond."""

@@ -128,7 +128,8 @@ class Fusion2018:
             lifted = filters.red_from_green(lifted[..., ::-1], self.blue)[..., ::-1]
         balanced = np.ascontiguousarray(filters.gray_world(lifted))
         levels = self.levels or most_levels(balanced.shape[:2])
-        darker, sharper = balanced ** np.float32(self.gamma), sharpened(balanced, self.blur_px)
+        darker = balanced ** np.float32(self.gamma)
+        sharper = sharpened(balanced, self.blur_px)
         return Restoration(blend(darker, sharper, weight_2018, _REGULARISER, levels))
 
 

@@ -28,11 +28,15 @@ from sucre_bench.scene import Encoding
 
 @dataclass(frozen=True)
 class WaterType:
-    """A water: blue_to_red = beta_B / beta_R and blue_to_green = beta_B / beta_G, attenuation coefficients in 1/m."""
+    """A water, by ratios of its attenuation coefficients, which are in 1/m."""
 
     name: str
+
     blue_to_red: float
+    """Is beta_B / beta_R."""
+
     blue_to_green: float
+    """Is beta_B / beta_G."""
 
     @property
     def exponents(self) -> Array:
@@ -174,18 +178,20 @@ def textureless_area(encoded: Array, share: float) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class OpenWater:
-    """The colours of open water: the veiling light, and the Gaussian distribution around it.
-
-    veiling_light: (3,) float32, the colour of median luminance in the area; mean: (3,) and whiten: (3, 3), which give a
-    colour's Mahalanobis distance |whiten (I - mean)|; near, far: distances up to which a colour is water for sure, and
-    from which it is something else for sure. The area's own mean distance and a standard deviation, and its greatest.
-    """
+    """The colours of open water: the veiling light, and the Gaussian distribution around it."""
 
     veiling_light: Array
+    """The colour of median luminance in the area, (3,) float32."""
+
+    # Of a colour's Mahalanobis distance |whiten (I - mean)|, (3,) and (3, 3).
     mean: Array
     whiten: Array
+
     near: float
+    """Distance up to which a colour is water for sure: the area's own mean distance and a standard deviation."""
+
     far: float
+    """Distance from which a colour is something else for sure: the area's greatest, at least 1 more than `near`."""
 
     @classmethod
     def of(cls, colours: Array) -> OpenWater:

@@ -60,10 +60,8 @@ def local_average(direct: Array, z: Array, p: float, eps: float) -> Array:
     omega = 2.0
     for _ in range(_ROUNDS):
         omega = 1 / (1 - (1 - p) ** 2 * omega / 4)
-        before, average = (
-            average,
-            before + np.float32(omega) * (here + rest * (mean @ average) - before),
-        )
+        following = before + np.float32(omega) * (here + rest * (mean @ average) - before)
+        before, average = average, following
         if np.abs(average - before).max() < _CONVERGED:
             break
     return average
@@ -109,12 +107,19 @@ _DARKNESS = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Backscatter:
-    """The fitted curves: veiling_light Binf, rate b (1/m), residual J', residual_rate b' (1/m), each (3,)."""
+    """The fitted curves, each field (3,)."""
 
     veiling_light: Array
+    """Is Binf."""
+
     rate: Array
+    """Is b, 1/m."""
+
     residual: Array
+    """Is J'."""
+
     residual_rate: Array
+    """Is b', 1/m."""
 
     def veil(self, z: Array, channel: int) -> Array:
         """Return the water's own light at distances z (P,), without the residual."""
@@ -338,7 +343,8 @@ class Seathru(FillOption):
         taken = (slice(None, None, n), slice(None, None, n))
         taken = taken if (z[taken] > 0).any() else (slice(None), slice(None))
         level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
-        few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
+        few = converted(view.rgb[taken], view.encoding, light)
+        few_z = z[taken]
         n_dark, backscatter, beta, constant = self._fitted(few, few_z, level)
         of_channels = list(map(ChannelWater, backscatter.veiling_light, backscatter.rate, beta))
 
@@ -368,7 +374,8 @@ class Seathru(FillOption):
             "beta(z), at its bound,": np.array([at_bound(b) for b in beta]),
             "veiling light": water.veiling_light >= 1 - _GREY_LEVEL,
         }
-        most, far = np.log(self.amplification), few_z[few_z > 0]
+        most = np.log(self.amplification)
+        far = few_z[few_z > 0]
         info: dict[str, Any] = {
             "along": along,
             "dark_pixels": n_dark,

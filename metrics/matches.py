@@ -103,10 +103,13 @@ def _after(pair: RestoredPair) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Keypoints:
-    """xy: (N, 2) float64 pixel coordinates, pixel centres at +0.5; descriptors: (N, 128) float32."""
+    """The keypoints of a picture."""
 
     xy: Array
+    """Pixel coordinates, (N, 2) float64, pixel centres at +0.5."""
+
     descriptors: npt.NDArray[np.float32]
+    """Shape (N, 128), float32."""
 
 
 @once

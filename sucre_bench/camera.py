@@ -100,17 +100,19 @@ def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: A
 class Camera:
     """A pinhole camera without distortion.
 
-    - K: (3, 3) float64 intrinsic matrix in pixels, with pixel centres at +0.5;
-    - width, height: image size in pixels.
-
     >>> camera = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), 640, 480)
     >>> pixel_rays(camera)[240, 320].tolist()  # the pixel right and below the principal point
     [0.0010000000474974513, 0.0010000000474974513, 1.0]
     """
 
     K: Array
+    """(3, 3) float64 intrinsic matrix in pixels, with pixel centres at +0.5."""
+
     width: int
+    """Of the image, in pixels."""
+
     height: int
+    """Of the image, in pixels."""
 
     def __post_init__(self) -> None:
         object.__setattr__(

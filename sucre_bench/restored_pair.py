@@ -15,15 +15,16 @@ from sucre_bench.scene import View
 
 @dataclass(frozen=True, eq=False)
 class RestoredView:
-    """A view and its restoration by one method. The pictures are read when they are needed.
-
-    - view: the photograph, with camera, pose and depth;
-    - read_shown, read_image: functions that read `shown` and `image`.
-    """
+    """A view and its restoration by one method. The pictures are read when they are needed."""
 
     view: View
+    """The photograph, with camera, pose and depth."""
+
     read_shown: Callable[[], Array] = field(repr=False)
+    """Function that reads `shown`."""
+
     read_image: Callable[[], Array | None] = field(default=lambda: None, repr=False)
+    """Function that reads `image`."""
 
     @cached_property
     def shown(self) -> Array:
@@ -39,18 +40,22 @@ class RestoredView:
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class CommonPoints:
-    """The pixels of two views that show the same P patches of the scene.
-
-    - here, there: (M,) and (N,) int32, flat pixel indices in the two views;
-    - here_patch, there_patch: (M,) and (N,) int32 in [0, P), the patch of each of these pixels;
-    - distance: (2, P) float64 metres, of each patch from the first and the second camera.
-    """
+    """The pixels of two views that show the same P patches of the scene."""
 
     here: Indices
+    """(M,) int32: flat pixel indices in the first view."""
+
     there: Indices
+    """(N,) int32: flat pixel indices in the second view."""
+
     here_patch: Indices
+    """(M,) int32 in [0, P): the patch of each pixel in `here`."""
+
     there_patch: Indices
+    """(N,) int32 in [0, P): the patch of each pixel in `there`."""
+
     distance: Array
+    """(2, P) float64 metres: of each patch from the first and the second camera."""
 
     def __len__(self) -> int:
         """Return P, the number of patches."""
@@ -68,10 +73,6 @@ class CommonPoints:
 class RestoredPair:
     """Two views that one method restored, and the patches of the scene that both show.
 
-    - here, there: the two restored views;
-    - points: the pixels that show the same patches;
-    - are_neighbours: whether one view is among the two views that overlap the other most.
-
     >>> from sucre_bench import Arrays, View
     >>> dark, light = (RestoredView(View(name, Arrays(np.zeros((8, 8, 3)))), lambda g=g: np.full((8, 8, 3), g))
     ...                for name, g in (("a.png", 0.25), ("b.png", 0.5)))
@@ -82,9 +83,16 @@ class RestoredPair:
     """
 
     here: RestoredView
+    """The first restored view."""
+
     there: RestoredView
+    """The second restored view."""
+
     points: CommonPoints
+    """The pixels that show the same patches."""
+
     are_neighbours: bool = True
+    """Whether one view is among the two views that overlap the other most."""
 
     def means(self, here: Array, there: Array) -> tuple[Array, Array]:
         """Return the mean colours (P, 3) float64 of the common patches in images (H, W, 3) of the two views.

@@ -47,11 +47,6 @@ class Water:
     I is the photograph, J the colour without water, z the distance in metres. All three arrays are RGB; a parameter
     that a method does not estimate is NaN.
 
-    - veiling_light: (3,) B, in image intensity;
-    - attenuation: (3,) beta, 1/m;
-    - backscatter: (3,) gamma, 1/m;
-    - encoding: encoding of I and J, "gamma" or "linear"; None if it is that of the view.
-
     >>> Water(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
     Water           red   green    blue
       B           0.060   0.220   0.300
@@ -60,9 +55,16 @@ class Water:
     """
 
     veiling_light: Array
+    """(3,): B, in image intensity."""
+
     attenuation: Array
+    """(3,): beta, 1/m."""
+
     backscatter: Array
+    """(3,): gamma, 1/m."""
+
     encoding: Encoding | None = None
+    """Of I and J, "gamma" or "linear"; None if it is that of the view."""
 
     def __post_init__(self) -> None:
         for name in ("veiling_light", "attenuation", "backscatter"):
@@ -91,18 +93,19 @@ class Water:
 class Chart:
     """A colour chart in a view.
 
-    - name: unique in the view; a chart has the same name in all views;
-    - kind: layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file;
-    - corners: (4, 2) float64 pixels, the corners of the chart's frame: top left, top right, bottom right, bottom left,
-      as one reads the chart (not as it lies in the image).
-
     >>> Chart("near", "dgk", np.array([[10, 10], [90, 10], [90, 60], [10, 60]])).name
     'near'
     """
 
     name: str
+    """Unique in the view. A chart has the same name in all views."""
+
     kind: str
+    """Layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file."""
+
     corners: Array
+    """(4, 2) float64 pixels: the corners of the chart's frame, top left, top right, bottom right, bottom left, as one
+    reads the chart (not as it lies in the image)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -189,10 +192,6 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
 class Arrays:
     """Pixels that are already in memory.
 
-    - rgb: (H, W, 3) floats in [0, 1];
-    - depth: (H, W) metres along the optical axis, 0 = unknown, or None;
-    - reference: (H, W, 3) floats in [0, 1], the view without water, or None.
-
     Raises InputError for an image of 0 to 255, and for planes of different sizes.
 
     >>> View("a.png", Arrays(np.full((48, 64, 3), 0.5))).rgb.dtype
@@ -200,8 +199,13 @@ class Arrays:
     """
 
     rgb: Array
+    """(H, W, 3) floats in [0, 1]."""
+
     depth: Array | None = None
+    """(H, W) metres along the optical axis, 0 = unknown; or None."""
+
     reference: Array | None = None
+    """(H, W, 3) floats in [0, 1]: the view without water; or None."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rgb", _intensities(self.rgb, "Arrays.rgb", True))
@@ -227,13 +231,6 @@ class Arrays:
 class View:
     """One photograph of a scene, with its camera, pose, depth and charts.
 
-    - name: path relative to the image folder, unique in the scene;
-    - pixels: the source of rgb, depth and reference;
-    - camera: the pinhole camera, or None if unknown;
-    - cam_from_world: the pose, a (4, 4) float64 rigid transform, or None if unknown;
-    - charts: the colour charts in the view;
-    - encoding: encoding of rgb and reference, "gamma" (sRGB-like) or "linear".
-
     The planes below are float32 and read-only. They are decoded when they are needed, and kept only for a while.
 
     >>> view = View("a.png", Arrays(np.zeros((48, 64, 3)), depth=np.ones((48, 64))))
@@ -244,11 +241,22 @@ class View:
     """
 
     name: str
+    """Path relative to the image folder, unique in the scene."""
+
     pixels: Pixels
+    """The source of `rgb`, `depth` and `reference`."""
+
     camera: Camera | None = None
+    """The pinhole camera; None if unknown."""
+
     cam_from_world: Array | None = None
+    """The pose, a (4, 4) float64 rigid transform; None if unknown."""
+
     charts: Sequence[Chart] = ()
+    """The colour charts in the view."""
+
     encoding: Encoding = "gamma"
+    """Of `rgb` and `reference`: "gamma" (sRGB-like) or "linear"."""
 
     def __post_init__(self) -> None:
         if not callable(getattr(self.pixels, "load", None)):
@@ -420,14 +428,6 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
 class Scene:
     """Views of one place in one water.
 
-    - name: unique in its dataset;
-    - views: in capture order;
-    - has: what at least one view has: "depth", "poses", "reference", "charts", "truth";
-    - water: the true water, or None if unknown;
-    - data_id: a short hash of the data. Equal data have equal ids, other data other ids;
-    - dataset: the name of the dataset that it was loaded from, "" for a scene made in Python;
-    - degraded: what `degraded` did to it, "depth_noise=0.05" for example.
-
     Index a scene by the place or the name of a view:
 
     >>> views = [View(name, Arrays(np.zeros((48, 64, 3)))) for name in ("a.png", "b.png")]
@@ -440,12 +440,25 @@ class Scene:
     """
 
     name: str
+    """Unique in its dataset."""
+
     views: Sequence[View]
+    """In capture order."""
+
     has: frozenset[str]
+    """What at least one view has: "depth", "poses", "reference", "charts", "truth"."""
+
     water: Water | None = None
+    """The true water; None if unknown."""
+
     data_id: str = ""
+    """A short hash of the data. Equal data have equal ids, other data other ids."""
+
     dataset: str = ""
+    """The name of the dataset that it was loaded from, "" for a scene made in Python."""
+
     degraded: str = ""
+    """What `degraded` did to it, "depth_noise=0.05" for example."""
 
     def __post_init__(self) -> None:
         if unknown := sorted(set(self.has) - HAS):
@@ -462,13 +475,9 @@ class Scene:
 
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
-        span = (
-            f", {names[0]} to {names[-1]}"
-            if len(names) > 1
-            else f", {names[0]}"
-            if names
-            else ""
-        )
+        span = f", {names[0]}" if names else ""
+        if len(names) > 1:
+            span += f" to {names[-1]}"
         lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
         if self.degraded:
@@ -515,13 +524,6 @@ class Scene:
 class Restoration:
     """The result of a method for a view.
 
-    - image: (H, W, 3) float, J in the encoding of the view. Values may leave [0, 1]; NaN means "no colour";
-    - water: the estimated water, or None;
-    - confidence: (H, W), the standard deviation of image or the method's own measure, or None;
-    - info: any other results by name, for example cost, iterations, "device". They are stored beside the picture;
-    - filled: (H, W, 3) like image, guessed colours for pixels without colour, NaN elsewhere, or None. Pictures show
-      these colours; metrics never score them.
-
     Raises InputError for an image of 0 to 255.
 
     >>> image = np.full((48, 64, 3), 0.5)
@@ -531,10 +533,20 @@ class Restoration:
     """
 
     image: Array
+    """(H, W, 3) float: J in the encoding of the view. Values may leave [0, 1]; NaN means "no colour"."""
+
     water: Water | None = None
+    """The estimated water, or None."""
+
     confidence: Array | None = None
+    """(H, W): the standard deviation of `image` or the method's own measure; or None."""
+
     info: dict[str, Any] = field(default_factory=dict)
+    """Any other results by name, for example cost, iterations, "device". They are stored beside the picture."""
+
     filled: Array | None = None
+    """(H, W, 3) like `image`: guessed colours for pixels without colour, NaN elsewhere; or None. Pictures show these
+    colours; metrics never score them."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", _intensities(self.image, "Restoration.image"))
@@ -569,18 +581,21 @@ class Restoration:
 class Score:
     """One number of a metric, for one region of a view.
 
-    - value: the score, in the unit of the metric; NaN if there is nothing to score;
-    - region: "image", the name of a chart, or "<chart>/<patch>";
-    - n_pixels: number of pixels that were scored;
-    - coverage: share of the region's pixels that were scored, 0 to 1;
-    - weight: for metrics of pairs, the weight of this pair in the mean over the pairs of a view.
-
     >>> Score(0.93, region="near/red", n_pixels=120)
     Score(value=0.93, region='near/red', n_pixels=120, coverage=1.0, weight=1.0)
     """
 
     value: float
+    """In the unit of the metric; NaN if there is nothing to score."""
+
     region: str = "image"
+    """It is "image", the name of a chart, or "<chart>/<patch>"."""
+
     n_pixels: int = 0
+    """Number of pixels that were scored."""
+
     coverage: float = 1.0
+    """Share of the region's pixels that were scored, 0 to 1."""
+
     weight: float = 1.0
+    """For metrics of pairs, the weight of this pair in the mean over the pairs of a view."""

@@ -29,21 +29,30 @@ _FINER = 0.4
 
 @dataclass(frozen=True, eq=False)
 class MadeScene:
-    """V views of a made seabed, far to near.
-
-    names: V image names; camera: of all views; cam_from_world: (V, 4, 4) float64; rgb: (V, H, W, 3) uint8, what the
-    camera recorded; reference: (V, H, W, 3) float32 in [0, 1], gamma-encoded, the same without water; depth: (V, H, W)
-    float32 metres, planar; charts: those each view shows; preset, water: the water's name and the true water
-    (see `Demo` for "deep_sea").
-    """
+    """V views of a made seabed, far to near."""
 
     names: tuple[str, ...]
+    """V image names."""
+
     camera: Camera
+    """Of all views."""
+
     cam_from_world: Array
+    """Shape (V, 4, 4), float64."""
+
     rgb: np.ndarray
+    """What the camera recorded, (V, H, W, 3) uint8."""
+
     reference: Array
+    """The same without water, (V, H, W, 3) float32 in [0, 1], gamma-encoded."""
+
     depth: Array
+    """In metres, planar, (V, H, W) float32."""
+
     charts: tuple[tuple[Chart, ...], ...]
+    """Those each view shows."""
+
+    # The water's name and the true water (see `Demo` for "deep_sea").
     preset: Preset
     water: Water
 

@@ -35,16 +35,19 @@ _RAYS = 20_000  # that a thread casts at once
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where rays (P, 3) meet the ground or a board first.
-
-    depth: (P,) float32, the ray's own length is 1, 0 where it meets nothing; normal: (P, 3) float32, of length 1;
-    cell: (P,) the triangle's cell of the ground, row by row, -1 on a board or nothing; board: (P,) its number or -1.
-    """
+    """Where rays (P, 3) meet the ground or a board first."""
 
     depth: Array
+    """Shape (P,), float32. The ray's own length is 1; 0 where it meets nothing."""
+
     normal: Array
+    """Of length 1, (P, 3) float32."""
+
     cell: np.ndarray
+    """The triangle's cell of the ground, row by row, (P,); -1 on a board or nothing."""
+
     board: np.ndarray
+    """Its number, (P,); -1 where the ray meets none."""
 
 
 class RayCaster:
@@ -59,11 +62,14 @@ class RayCaster:
         padded = np.full((rows * _BLOCK, columns * _BLOCK), -np.inf)
         padded[: highest.shape[0], : highest.shape[1]] = highest
         self._tops = padded.reshape(rows, _BLOCK, columns, _BLOCK).max(axis=(1, 3))
-        self._height, self._grid, self._boards = height, terrain.grid, boards
+        self._height = height
+        self._grid = terrain.grid
+        self._boards = boards
 
     def cast(self, centre: Array, rays: Array) -> Hits:
         """Cast rays (P, 3) from a centre (3,), world metres."""
-        grid, n = self._grid, len(rays)
+        grid = self._grid
+        n = len(rays)
         # In units of cells from the first height, which is at the centre of the grid's first cell.
         corner = (grid.x0 + 0.5 * grid.cell, grid.y0 + 0.5 * grid.cell, 0.0)
         units = np.array([grid.cell, grid.cell, 1.0])
@@ -82,12 +88,10 @@ class RayCaster:
         for number, one in enumerate(self._boards):
             met, facing = _meet_board(one.outline, centre, rays)
             first = (met > 0) & ((depth == 0) | (met < depth))
-            depth[first], normal[first], cell[first], board[first] = (
-                met[first],
-                facing,
-                -1,
-                number,
-            )
+            depth[first] = met[first]
+            normal[first] = facing
+            cell[first] = -1
+            board[first] = number
         return Hits(depth.astype(np.float32), normal.astype(np.float32), cell, board)
 
 
@@ -157,12 +161,10 @@ def _meet_ground(
             above = z0 - first - along_u * (u0 - i) - along_v * (v0 - j)
             gain = dz - along_u * du - along_v * dv
             if gain != 0 and t - _BEYOND <= -above / gain <= leaves + _BEYOND:
-                depth[ray], slope[ray, 0], slope[ray, 1], cell[ray] = (
-                    -above / gain,
-                    along_u,
-                    along_v,
-                    j * columns + i,
-                )
+                depth[ray] = -above / gain
+                slope[ray, 0] = along_u
+                slope[ray, 1] = along_v
+                cell[ray] = j * columns + i
                 break
             t = leaves
 
@@ -222,13 +224,19 @@ _TOLERANCE = 0.01  # of the depth, between a chart and what the ray meets
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """All there is to see. near: the seabed's texture; far: a coarser one where `is_near` (a bool for each cell, row by
-    row) says that the near one does not reach."""
+    """All there is to see."""
 
     caster: RayCaster
+
     near: Texture
+    """The seabed's texture."""
+
     far: Texture
+    """A coarser one, for where the near one does not reach."""
+
     is_near: np.ndarray
+    """Whether the near one reaches, a bool for each cell, row by row."""
+
     boards: tuple[Board, ...]
 
 
@@ -280,7 +288,8 @@ def visible_charts(
     surfaces: Surfaces, camera: Camera, cam_from_world: Array
 ) -> tuple[Chart, ...]:
     """Return the charts that a view shows whole, from their front, unhidden, with patches of at least 4 pixels."""
-    charts, centre = [], -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
+    charts = []
+    centre = -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
     for board in surfaces.boards:
         corners, _ = project(camera, moved(board.corners, cam_from_world))
         inside = (corners > 0).all() and (corners < camera.size).all()
@@ -304,14 +313,13 @@ _OPEN_WATER_M = 1e4  # from there on, nothing but the veiling light
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """The only light there is: fixed to the camera, brightest along its axis.
-
-    lamp_from_cam: (4, 4) rigid transform; covariance: (2, 2) of the Gaussian lobe in the lamp's own image plane
-    (x / z, y / z), so unitless.
-    """
+    """The only light there is: fixed to the camera, brightest along its axis."""
 
     lamp_from_cam: Array
+    """Rigid transform, (4, 4)."""
+
     covariance: Array
+    """Of the Gaussian lobe in the lamp's own image plane (x / z, y / z), so unitless, (2, 2)."""
 
 
 _LAMP_REACH_M = 3.0

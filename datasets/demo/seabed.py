@@ -30,16 +30,18 @@ _FIELD = 97.61
 
 @dataclass(frozen=True)
 class Grid:
-    """A rectangle of ground sampled at the centres of square cells.
+    """A rectangle of ground sampled at the centres of square cells."""
 
-    x0, y0: its corner in world metres; width, length: its sides along x and y, metres; cell: metres.
-    """
-
+    # Its corner in world metres.
     x0: float
     y0: float
+
+    # Its sides along x and y, metres.
     width: float
     length: float
+
     cell: float
+    """Side of a cell, metres."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -153,16 +155,19 @@ _LEVELS = 7
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A flat picture and its coarser copies.
-
-    levels: (h, w, 3) uint16 gamma-encoded / 65535, each half as fine as the one before; texel: metres, of the first;
-    origin: (2,) metres, the corner of the first texel; axes: (2, 3), world point -> the picture's two metres.
-    """
+    """A flat picture and its coarser copies."""
 
     levels: tuple[np.ndarray, ...]
+    """Each (h, w, 3) uint16, gamma-encoded / 65535, and half as fine as the one before."""
+
     texel: float
+    """Side of a texel of the first level, metres."""
+
     origin: Array
+    """The corner of the first texel, (2,) metres."""
+
     axes: Array
+    """From a world point to the picture's two metres, (2, 3)."""
 
     def covers(self, at: Array) -> np.ndarray:
         """Whether the picture reaches to points (P, 2) in its metres: (P,) bool."""
@@ -251,16 +256,18 @@ _SPAN_OF_CUTS = _MOST_OF_CUTS - _LEAST_CUT
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """The seabed on a grid.
-
-    height: (rows, columns) float32 metres; rock: height above the sand under it, metres, 0 on sand;
-    tint: (rows, columns) float32, a random number in [-1, 1] for each boulder.
-    """
+    """The seabed on a grid."""
 
     grid: Grid
+
     height: Array
+    """In metres, (rows, columns) float32."""
+
     rock: Array
+    """Height above the sand under it, metres; 0 on sand."""
+
     tint: Array
+    """A random number in [-1, 1] for each boulder, (rows, columns) float32."""
 
 
 def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float]]) -> Terrain:
@@ -293,7 +300,8 @@ def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float
         dome = flat * r * dome * (1 + 0.06 * rough[here]) - sink * flat * r
         top = np.where(beyond < 1, sand[here].mean() + dome, -np.inf)
         higher = top > height[here]
-        height[here][higher], tint[here][higher] = top[higher], hue
+        height[here][higher] = top[higher]
+        tint[here][higher] = hue
     reef = smoothstep(sand, 0.3, 1.2)
     height += 0.05 * reef * rough  # the reef itself is rugged rock
     return Terrain(grid, height, np.maximum(height - sand, 0) + 0.1 * reef, tint)
@@ -342,18 +350,24 @@ _FRAME = (0.04, 0.04, 0.04)
 
 @dataclass(frozen=True)
 class Site:
-    """Where a chart stands: its name and kind, place (x, y) of its foot, width in metres, heading and tilt in degrees.
+    """Where a chart stands."""
 
-    heading: towards which it is turned, 0 = towards -y, where the cameras are; tilt: back from upright.
-    """
-
+    # Those of the chart.
     name: str
     kind: str
+
+    # Place of its foot, world metres.
     x: float
     y: float
+
     width: float
+    """In metres."""
+
     heading: float
+    """Towards which it is turned, degrees; 0 = towards -y, where the cameras are."""
+
     tilt: float
+    """Back from upright, degrees."""
 
 
 # One of each kind near the place that is looked at, and one of each kind behind it.
@@ -367,20 +381,25 @@ SITES = (
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """A painted board. outline, corners: (4, 3) world metres of the board and of the chart on it, from the top left
-    clockwise as it is read; patches: (N, 4, 3), of each of its patches."""
+    """A painted board."""
 
     site: Site
+
+    # World metres of the board and of the chart on it, (4, 3), from the top left clockwise as it is read.
     outline: Array
     corners: Array
+
     patches: Array
+    """The same of each of its patches, (N, 4, 3)."""
+
     texture: Texture
 
 
 def place_board(site: Site, terrain: Terrain, texel: float) -> Board:
     """Return the board of a site, standing on the ground there. texel: of its picture, metres."""
     kind = chart_kind(site.kind)
-    width, height = site.width, site.width * kind.height / kind.width
+    width = site.width
+    height = width * kind.height / kind.width
     turn, tilt = np.deg2rad((site.heading, site.tilt))
     right = np.array([np.cos(turn), np.sin(turn), 0])
     back = np.array([-np.sin(turn), np.cos(turn), 0])

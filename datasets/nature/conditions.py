@@ -17,29 +17,68 @@ Name = Literal[
 class Condition:
     """Shares are of 1; a jitter is a standard deviation over the views."""
 
-    noise: float = 0.004  # of a stored intensity
-    bits: bool = True  # 8-bit files
-    jpeg: int = 0  # quality, colours at half size; 0: no JPEG
-    gain: float = 1  # of all views
-    exposure: float = 0  # jitter
+    noise: float = 0.004
+    """Standard deviation, of a stored intensity."""
+
+    bits: bool = True
+    """Whether files have 8 bits."""
+
+    jpeg: int = 0
+    """Quality, with colours at half size; 0: no JPEG."""
+
+    gain: float = 1
+    """Of all views."""
+
+    exposure: float = 0
+    """Jitter."""
+
     auto_exposure: bool = False
-    white_balance: float = 0  # jitter of each channel
-    auto_white_balance: float = 0  # exponent of gray world's gains in each view
-    tone: Literal["", "s", "srgb"] = ""  # "s": S-curve; "srgb": linear light stored as sRGB
-    vignette: float = 0  # loss in the farthest corner
-    strobe_deg: float = 0  # width of the lobe; 0: no strobe
-    daylight: float = 1  # beside a strobe
-    fish: int = 0  # views with fish
-    snow: float = 0  # share of pixels
-    caustics: float = 0  # standard deviation of the light on the ground
-    pose_px: float = 0  # rms shift of pixels by a drift of the poses
-    depth_patches: float = (
-        0  # standard deviation of the relative error, in patches of a tenth of the width
-    )
-    depth_scale: float = 0  # jitter of the scale of a view's depth map
-    patchy: float = 0  # jitter of beta and gamma
-    blur_px_m: float = 0  # forward scatter: standard deviation, pixels a metre
-    contrast: float = 1  # of the ground's colours
+
+    white_balance: float = 0
+    """Jitter of each channel."""
+
+    auto_white_balance: float = 0
+    """Exponent of gray world's gains in each view."""
+
+    tone: Literal["", "s", "srgb"] = ""
+    """Empty: none; "s": S-curve; "srgb": linear light stored as sRGB."""
+
+    vignette: float = 0
+    """Loss in the farthest corner."""
+
+    strobe_deg: float = 0
+    """Width of the lobe; 0: no strobe."""
+
+    daylight: float = 1
+    """Beside a strobe."""
+
+    fish: int = 0
+    """Views with fish."""
+
+    snow: float = 0
+    """Share of pixels."""
+
+    caustics: float = 0
+    """Standard deviation of the light on the ground."""
+
+    pose_px: float = 0
+    """Root mean square of the pixels' shift by a drift of the poses."""
+
+    depth_patches: float = 0
+    """Standard deviation of the relative error, in patches of a tenth of the width."""
+
+    depth_scale: float = 0
+    """Jitter of the scale of a view's depth map."""
+
+    patchy: float = 0
+    """Jitter of beta and gamma."""
+
+    blur_px_m: float = 0
+    """Forward scatter: standard deviation, pixels a metre."""
+
+    contrast: float = 1
+    """Of the ground's colours."""
+
     air: bool = False
 
 

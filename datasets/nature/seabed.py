@@ -124,10 +124,13 @@ def _cast(
 
 @dataclass(frozen=True, eq=False)
 class Seabed:
-    """The ground: heights (CELLS, CELLS) in metres, and lattices (4, n, n) of noise for its texture."""
+    """The ground."""
 
     heights: Array
+    """In metres, (CELLS, CELLS)."""
+
     lattices: Array
+    """Noise for its texture, (4, n, n)."""
 
     def cast(
         self, K: Array, pose: Array, width: int, first: int, last: int

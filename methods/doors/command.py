@@ -241,7 +241,8 @@ class Command(RestoredElsewhere):
                 continue
             try:
                 if self.per == "view":
-                    name, (height, width) = "view.png", view.rgb.shape[:2]
+                    name = "view.png"
+                    height, width = view.rgb.shape[:2]
                     self._refuse_code(view.name)
                     output = (place / "output" / name).with_suffix(self.output_suffix)
                     values = {
@@ -310,7 +311,8 @@ class Command(RestoredElsewhere):
         """The image that belongs to a view among those a program wrote."""
         if view.name in work.refused:
             raise work.refused[view.name]
-        ended, who = work.ended, f"{Path(self._words[0]).name}: {view.name}"
+        ended = work.ended
+        who = f"{Path(self._words[0]).name}: {view.name}"
         about = (
             f"{ended.fault}, saying: {ended.last_words}"
             if ended.fault and ended.last_words
@@ -352,12 +354,17 @@ class Command(RestoredElsewhere):
 
 @dataclass(eq=False)
 class _Work:
-    """What a program left in place/output. names: its files by the view's name; refused: why others were not given."""
+    """What a program left in place/output."""
 
     place: Path
     images: ImageFolder
+
     names: dict[str, str]
+    """The name of its file for each view, by the view's name."""
+
     refused: dict[str, Exception]
+    """Why it was not given other views, by the view's name."""
+
     ended: Ended
 
 

@@ -122,15 +122,14 @@ class ImageFolder:
             for index in (self._files, _views(tuple(names), self.pattern))
         )
         files = [file for place, file in files_called if place == wanted]
-        owners, tried = [view for place, view in views_called if place == wanted], [str(wanted)]
+        owners = [view for place, view in views_called if place == wanted]
+        tried = [str(wanted)]
         if not files and "/" not in self.pattern:
             # a file in another view's place is not this one's
             taken = {place for place, _ in views_called}
             files = [file for place, file in files_called if place not in taken]
-            owners, tried = (
-                [view for _, view in views_called],
-                sorted({str(wanted), wanted.name}, key=len)[::-1],
-            )
+            owners = [view for _, view in views_called]
+            tried = sorted({str(wanted), wanted.name}, key=len)[::-1]
         if not files:
             kinds = "" if self._is_whole else f" (any of {', '.join(SUFFIXES)})"
             fault = f"no image in {self.folder} is named {' or '.join(tried)}{kinds}"
@@ -246,10 +245,8 @@ class RestoredElsewhere:
         remedy = f"if it has none, give {typed_option('holes')}=black"
         say_if_black(path, seen, lambda: view.rgb, remedy)
         if profile := profile_of(path):
-            image, info = (
-                profile.to_srgb(image, self.encoding_of(view)),
-                {PROFILE: profile.name},
-            )
+            image = profile.to_srgb(image, self.encoding_of(view))
+            info = {PROFILE: profile.name}
         image = np.where(is_hole[..., None], np.float32(np.nan), image)
         image = converted(image, self.encoding_of(view), view.encoding).astype(np.float32)
         beside = path.with_suffix(".json")
@@ -267,7 +264,8 @@ def _colours(path: Path) -> Array:
     """An image file as (H, W, 3 or 4) float32: RGB, and alpha if it has one."""
     import cv2
 
-    stored, suffix = None, path.suffix.lower()
+    stored = None
+    suffix = path.suffix.lower()
     if suffix in (".npy", ".npz"):
         stored = read_array(
             path, lambda names: "image" if "image" in names or len(names) != 1 else names[0]

@@ -41,12 +41,16 @@ class Printed(Exception):  # noqa: N818, it is no error: it is kept with the tra
 
 @dataclass(frozen=True)
 class Ended:
-    """How a program ended. fault: empty when well, else why; said: the end of what it printed, errors last."""
+    """How a program ended."""
 
     fault: str
+    """Empty when it ended well, else why not."""
+
     seconds: float
     peak_mb: float
+
     said: str
+    """The end of what it printed, errors last."""
 
     @property
     def last_words(self) -> str:
@@ -181,14 +185,16 @@ _LIST_S = 120.0
 
 @dataclass(frozen=True)
 class Environment:
-    """An environment. name: the file, the conda environment or its folder, the image; digest: "sha256:...", or empty.
-
-    A file is requirements.txt, pylock.toml, a script with its requirements (PEP 723), or uv.lock of a project.
-    """
+    """The environment of a program."""
 
     tool: str
+
     name: str
+    """The file, the conda environment or its folder, or the image. A file is requirements.txt, pylock.toml, a script
+    with its requirements (PEP 723), or uv.lock of a project."""
+
     digest: str = ""
+    """Is "sha256:...", or empty."""
 
     @classmethod
     def of(cls, text: str) -> "Environment":
@@ -196,7 +202,7 @@ class Environment:
         found = re.fullmatch(r"(uv|conda|docker):(?=.)(.*?)@?(sha256:[0-9a-f]{64})?", text)
         if not found or not (found[2] or found[1] == "docker"):
             raise InputError("is no environment", f"command.env={text}", f"give {_FORMS}")
-        tool, name, digest = found[1], found[2], found[3] or ""
+        tool, name, digest = found.groups("")
         if tool == "docker" and not digest:
             image = name.partition("@")[0]  # without a digest that is too short
             show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {image}"
@@ -208,7 +214,8 @@ class Environment:
         return cls(tool, str(expanded(name)) if tool != "docker" else name, digest)
 
     def __str__(self) -> str:
-        return f"{self.tool}:{self.name}{'@' * bool(self.name and self.digest)}{self.digest}"
+        at = "@" if self.name and self.digest else ""
+        return f"{self.tool}:{self.name}{at}{self.digest}"
 
     def check(self) -> None:
         """Raise InputError where its tool or file is missing, or its content has another digest than was given."""

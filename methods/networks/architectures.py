@@ -79,7 +79,8 @@ class FunieGenerator(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         seen = []
         for down in (self.down1, self.down2, self.down3, self.down4):
-            seen.append(x := down(x))
+            x = down(x)
+            seen.append(x)
         x = self.down5(x)
         for up in (self.up1, self.up2, self.up3, self.up4):
             x = torch.cat([up(x), seen.pop()], dim=1)

@@ -33,14 +33,20 @@ _CUDA = "CUDAExecutionProvider"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnnxNetwork:
-    """An opened model. fixed: the height and width it works at, None where it leaves them open; dtype: of its input."""
+    """An opened model."""
 
     session: Any
     path: Path
     output: str
+
     dtype: str
+    """Of its input."""
+
     channels_first: bool
+
     fixed: tuple[int, int] | None
+    """The height and width it works at; None where it leaves them open."""
+
     device: str
 
     def __call__(self, pixels: Array) -> Array:
@@ -166,15 +172,13 @@ def _read_shape(
             f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed"
         )
     places = [name for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)]
-    chosen = (
-        layout
-        if layout != "auto"
-        else "nchw"
-        if sizes[1] == 3
-        else "nhwc"
-        if sizes[3] == 3
-        else ""
-    )
+    chosen = ""
+    if layout != "auto":
+        chosen = layout
+    elif sizes[1] == 3:
+        chosen = "nchw"
+    elif sizes[3] == 3:
+        chosen = "nhwc"
     if not chosen and len(places) == 2:
         raise InputError(
             f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc"
@@ -288,9 +292,9 @@ class Onnx:
         """Return the whole image; values may leave [0, 1]. info: device, worked_at (height and width)."""
         network = self.warm_up()
         height, width = view.rgb.shape[:2]
-        at, tile, multiple = (self.size or height, self.size or width), self.tile, self.multiple
-        if network.fixed:
-            at, tile, multiple = network.fixed, None, 1
+        at = network.fixed or (self.size or height, self.size or width)
+        tile = None if network.fixed else self.tile
+        multiple = 1 if network.fixed else self.multiple
         mean, deviation = _RANGES[self.range]
         mean_out, deviation_out = _RANGES[
             self.range if self.output_range == "same" else self.output_range

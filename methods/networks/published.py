@@ -27,9 +27,10 @@ from sucre_bench.plugins.options import check_ranges
 
 @dataclass(frozen=True)
 class _Published:
-    """What the published networks share. architecture: a class of `architectures`."""
+    """What the published networks share."""
 
     architecture: ClassVar[Architecture]
+    """A class of `architectures`."""
 
     weights: Path
     """File of the network's state dict, as PyTorch saves it."""

@@ -82,7 +82,8 @@ def bare(content: object, path: Path) -> dict[str, torch.Tensor]:
     state = content
     while isinstance(state, Mapping):
         wrapped = (state[name] for name in _WRAPPERS if isinstance(state.get(name), Mapping))
-        if (inner := next(wrapped, None)) is None:
+        inner = next(wrapped, None)
+        if inner is None:
             break
         state = inner
     if not (
@@ -122,10 +123,12 @@ Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorchNetwork:
-    """A network with its weights. device: where it is, "cpu" or "cuda"."""
+    """A network with its weights."""
 
     module: torch.nn.Module
+
     device: str
+    """Where it is, "cpu" or "cuda"."""
 
     def __call__(self, pixels: Array) -> Array:
         """Return what the network makes of pixels (H, W, C), in the range it takes: (H, W, 3) float32."""

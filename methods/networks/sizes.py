@@ -94,7 +94,8 @@ def _tiles(
         .clip(0, 1)
         .astype(np.float32)
     )
-    tiles, total = [], np.zeros(length, dtype=np.float32)
+    tiles = []
+    total = np.zeros(length, dtype=np.float32)
     for start in (min(i * (size - shared), length - size) for i in range(n)):
         weight = np.ones_like(rising) if start == 0 else rising.copy()
         weight *= 1 if start == length - size else rising[::-1]

@@ -39,12 +39,16 @@ _BLOCK_PX = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """n steps of a rate; eps: see above; is_tied: whether gamma is beta, the paper's eq. 1."""
+    """n steps of a rate."""
 
     n: int
     rate: float
+
     eps: float = EPS
+    """Is added to the size of a gradient, see above."""
+
     is_tied: bool = False
+    """Whether gamma is beta, the paper's eq. 1."""
 
     def shared(self, gradient: Any) -> Any:
         """Return the gradient (3, 3) of a water, with that of the one coefficient in two columns, if it is tied."""
@@ -56,15 +60,19 @@ class Steps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
-    """The last iterate, and the costs (3,) of the first and of the last.
-
-    J: (3, P) float32; water: (3, 3), a row a channel, of B, beta, gamma.
-    """
+    """The last iterate, and the costs of the first and of the last."""
 
     J: Array
+    """Shape (3, P), float32."""
+
     water: Array
+    """Shape (3, 3), a row a channel, of B, beta, gamma."""
+
     first: Array
+    """Cost (3,) of the first iterate."""
+
     cost: Array
+    """Cost (3,) of the last iterate."""
 
 
 def descend(

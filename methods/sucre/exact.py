@@ -113,17 +113,20 @@ _LEAST_VEIL = 0.5 / 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterFit:
-    """A fitted water.
-
-    cost: (3,) sum of squared residuals of each channel over pixels seen more than once; uncertainty: of the water;
-    passes: over all observations; converged: whether no further step promises a gain.
-    """
+    """A fitted water."""
 
     water: WaterParameters
+
     cost: Array
+    """Sum of squared residuals of each channel, (3,), over pixels seen more than once."""
+
     uncertainty: WaterUncertainty
+
     passes: int
+    """Over all observations."""
+
     converged: bool
+    """Whether no further step promises a gain."""
 
 
 def fit(
@@ -150,7 +153,8 @@ def fit(
     few = sampled(observations, SAMPLE, singles=physical, seed=seed)
     distance = float(np.median(few.distance))
     search = _Search(distance, backend, device, growth)
-    margin, dark = None, [] if sharp is None or not physical else [first_slot(sharp)]
+    margin = None
+    dark = [] if sharp is None or not physical else [first_slot(sharp)]
     with search.over([sampled(few, _SCREEN, singles=False, seed=seed)]) as evaluate:
         starts = _promising(evaluate, distance)
         is_searched = near is None and free is None
@@ -197,12 +201,16 @@ def _hopeless(fault: str) -> tuple[str, str, str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """The descents of a fit; distance: median of the observations, metres; growth: see `fit`."""
+    """The descents of a fit."""
 
     distance: float
+    """Median of the observations, metres."""
+
     backend: Backend
     device: Device
+
     growth: Array | float
+    """See `fit`."""
 
     def descended(
         self, evaluate: _Evaluate, start: Array, *, tied: bool = False, **limits: Any
@@ -275,7 +283,8 @@ class _Search:
                 prior = _with_priors(evaluate, known.noise, self.distance, weak)
                 # Attenuation is 0: at that bound, or within its error, if that is small enough. An error that could
                 # hide a visible optical depth shows no clear medium, but an unknown one.
-                beta, most = end.at[:, 1], 2 * known.standard_error.beta
+                beta = end.at[:, 1]
+                most = 2 * known.standard_error.beta
                 clear = (beta == 0) | (
                     (beta <= most) & ((beta + most) * self.distance < _CLEAR)
                 )
@@ -343,11 +352,8 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
     """
     per_channel = []
     for c in range(3):
-        found = [
-            (float(cost), end.at[c])
-            for end in ends
-            if np.isfinite(cost := _plausible_cost(end)[c])
-        ]
+        costs = [(float(_plausible_cost(end)[c]), end.at[c]) for end in ends]
+        found = [pair for pair in costs if np.isfinite(pair[0])]
         if not found:
             raise SolveError(*_hopeless("no water gives finite residuals"))
         found.sort(key=lambda pair: pair[0])

@@ -84,16 +84,18 @@ NO_WATER = Model(Fit.NOTHING)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """The chosen model.
-
-    judged: those it was chosen from, the chosen one first; is_unjudged: whether there was a choice that no views could
-    make; is_in_air: whether nothing dims the images.
-    """
+    """The chosen model."""
 
     model: Model
+
     judged: tuple[Judged, ...] = ()
+    """Those it was chosen from, the chosen one first."""
+
     is_unjudged: bool = False
+    """Whether there was a choice that no views could make."""
+
     is_in_air: bool = False
+    """Whether nothing dims the images."""
 
 
 def judging(options: Any) -> Any:
@@ -201,10 +203,13 @@ def _allows(option: Any, value: bool) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Some pixels of a target, which models are judged on; observations: with `view` and `ray`; distance: (P,) m."""
+    """Some pixels of a target, which models are judged on."""
 
     observations: Observations
+    """With `view` and `ray`."""
+
     distance: Array
+    """From the target's camera, (P,) m."""
 
     @cached_property
     def intensity(self) -> Array:
@@ -317,19 +322,25 @@ def _grey(water: WaterParameters) -> WaterParameters:
 
 @dataclass(frozen=True, eq=False)
 class Court:
-    """A dive whose models are judged.
-
-    halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
-    the median of no water's errors, and the photograph's drift; lights: of the parts, by parts of light, and whether
-    they were fitted robustly; fitted: models to the parts.
-    """
+    """A dive whose models are judged."""
 
     halves: list[frozenset[str]]
+    """Names of views that models are fitted to."""
+
     parts: list[Dive]
+    """The dive as each half shows it, and whole."""
+
     targets: list[tuple[Target, float, float]]
+    """Each with the median of no water's errors, and the photograph's drift."""
+
     on_itself: bool = False
+    """Whether fits to all views are judged on these views."""
+
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
+    """One for each of `parts`. The key is the parts of the light, and whether it was fitted robustly."""
+
     fitted: dict[Model, list[Fitted]] = field(default_factory=dict)
+    """Fits of each model, one for each of `parts`."""
 
     @staticmethod
     def of(dive: Dive, on_itself: bool = False) -> Court | None:
@@ -430,7 +441,8 @@ class Court:
 
         def judge(models: list[Model]) -> None:
             for model in models:
-                if model not in known and (one := self.judged(model)) is not None:
+                one = None if model in known else self.judged(model)
+                if one is not None:
                     known[model] = one
 
         def best(models: list[Model], most_drift: float = np.inf) -> list[Model]:

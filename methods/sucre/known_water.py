@@ -36,10 +36,12 @@ _SUFFIXES = (".json", ".npz")
 
 @dataclass(frozen=True, slots=True)
 class SourceOption:
-    """An option that names a water; words: that name no file and no method, the default first."""
+    """An option that names a water."""
 
     name: str
+
     words: tuple[str, ...]
+    """That name no file and no method, the default first."""
 
     @property
     def typed(self) -> str:

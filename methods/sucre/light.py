@@ -91,9 +91,11 @@ _PART = 1 << 16  # observations at a time
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Which parts the light has; gains: numbers a view, 0, 1 (exposure) or 3 (white_balance)."""
+    """Which parts the light has."""
 
     gains: int = 0
+    """Numbers a view: 0, 1 (exposure) or 3 (white_balance)."""
+
     lens: bool = False
 
     @property
@@ -127,20 +129,28 @@ def parts_of(words: str, place: str) -> Parts | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """P pixels that several views show, in V views: a table with a gap where a view does not show a pixel.
-
-    z: (P, V) metres; I: (3, P, V); weight: (3, P, V) of squared residuals, 0 in gaps; ray: (2, P, V), x / z and y / z
-    in the view's camera; views: names; target: index of the view whose gain is 1; tile: (2, P), row and column of the
-    tile of the target that has the pixel.
-    """
+    """P pixels that several views show, in V views: a table with a gap where a view does not show a pixel."""
 
     z: Array
+    """Shape (P, V), metres."""
+
     I: Array
+    """Shape (3, P, V)."""
+
     weight: Array
+    """Of squared residuals, (3, P, V), 0 in gaps."""
+
     ray: Array
+    """The x / z and y / z in the view's camera, (2, P, V)."""
+
     views: tuple[str, ...]
+    """V names."""
+
     target: int
+    """Index of the view whose gain is 1."""
+
     tile: Indices
+    """Row and column of the tile of the target that has the pixel, (2, P)."""
 
     @staticmethod
     def of(few: Observations, target: str) -> Sample:
@@ -187,18 +197,20 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """Light, and the water it was fitted with.
-
-    gains: (V, 3) logarithms, 0 for the target, NaN for a view that the fit did not see; lens: (6,); extent: largest
-    |x / z| or |y / z| of the sample.
-    """
+    """Light, and the water it was fitted with."""
 
     parts: Parts
     water: WaterParameters
     views: tuple[str, ...]
+
     gains: Array
+    """Logarithms, (V, 3): 0 for the target, NaN for a view that the fit did not see."""
+
     lens: Array
+    """Coefficients of `terms`, (6,)."""
+
     extent: float
+    """Largest |x / z| or |y / z| of the sample."""
 
     @staticmethod
     def even(water: WaterParameters, views: tuple[str, ...]) -> Light:
@@ -230,7 +242,8 @@ class Light:
     def with_typical(self, view: str) -> Light:
         """Return the light with gains of a view that are the median of those of the others."""
         others = [k for k, name in enumerate(self.views) if name != view]
-        gains, views = self.gains[others], [self.views[k] for k in others]
+        gains = self.gains[others]
+        views = [self.views[k] for k in others]
         return replace(
             self, views=(*views, view), gains=np.vstack([gains, np.nanmedian(gains, axis=0)])
         )
@@ -290,13 +303,14 @@ class Problem:
     """Water and light over a sample.
 
     Unknowns: nine of the water (B, beta, gamma of each channel); terms of the lens; logarithms of the gains of all
-    views, or of each channel and view. precision: (n, n) of the unknowns beforehand, times the
-    variance of the noise; None for weak priors.
+    views, or of each channel and view.
     """
 
     sample: Sample
     parts: Parts
+
     precision: Array | None = None
+    """Of the unknowns beforehand, (n, n), times the variance of the noise; None for weak priors."""
 
     @cached_property
     def extent(self) -> float:
@@ -353,7 +367,8 @@ class Problem:
         They are the lens, the mean gain of a view over the channels, and what channels differ from it. Gains count from
         the mean of all views, so that the target is one of them.
         """
-        views, gains = len(self.sample.views), self.parts.gains
+        views = len(self.sample.views)
+        gains = self.parts.gains
         seen = self.sample.shown.any(axis=0).astype(np.float64)
         centred, free = np.diag(seen) - np.outer(seen, seen) / seen.sum(), seen.sum() - 1
         mean = np.full((gains, gains), 1 / max(gains, 1) ** 2)
@@ -380,10 +395,8 @@ class Problem:
     def bounds(self) -> Bounds:
         most = np.full(self.size, _MOST)
         least = -most
-        least[:9], most[:9] = (
-            0,
-            np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3),
-        )
+        least[:9] = 0
+        most[:9] = np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3)
         linear = np.zeros(len(most), dtype=bool)
         linear[[0, 3, 6]] = True
         return Bounds(least, most, linear)
@@ -561,16 +574,19 @@ def _add_sums(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightFit:
-    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too."""
+    """A fitted light."""
 
     light: Light
+
     error: Array
+    """Standard errors of B, beta and gamma, (3 channels, 3), the light being unknown too."""
 
 
 def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     """Fit water and light to a sample; light: even, or with the same parts: the only start then."""
     problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // _SCREEN))), parts)
-    start, far = light.water.by_channel(), problem.distance
+    start = light.water.by_channel()
+    far = problem.distance
     others = _STARTS if light.parts == EVEN_LIGHT else ()
     rows = [
         start,
@@ -605,12 +621,11 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
     weak[9:] = 0
     squares = (np.einsum("i,fij,j->f", at, forms, at) / ranks).clip(_LEAST**2, _WEAK**2)
     for _ in range(_ROUNDS):
-        before, problem = (
-            squares,
-            replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak),
-        )
+        before = squares
+        problem = replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak)
         at, system = problem.descend(at, _ROUGHLY)
-        H, covariance = system.H[0], np.zeros_like(weak)
+        H = system.H[0]
+        covariance = np.zeros_like(weak)
         free = np.flatnonzero(np.diag(H) > 0)
         scale = 1 / np.sqrt(np.diag(H)[free])
         inverse = np.linalg.pinv(

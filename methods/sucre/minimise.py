@@ -31,14 +31,14 @@ _CONVEX = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """lower, upper: (n,), the range of each parameter; linear: (n,) bool, those that enter linearly.
+    """The ranges of n parameters, and which of them enter linearly."""
 
-    Of two linear ones no best value depends on the other's.
-    """
-
+    # The range of each parameter, (n,).
     lower: Array
     upper: Array
+
     linear: Mask
+    """Those that enter linearly, (n,) bool. Of two such no best value depends on the other's."""
 
     def held(self, at: Array, g: Array) -> Mask:
         """The parameters (C, n) at a bound that the cost pushes out."""
@@ -47,18 +47,22 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """The end of the steps, for C problems.
-
-    at: (C, n) parameters; system: the system one step before, as the last step gains too little to be evaluated;
-    free: (C, n) bool, parameters not held at a bound; steps: evaluations after the first; converged: (C,) bool, whether
-    no step promises a relative gain above the tolerance.
-    """
+    """The end of the steps, for C problems."""
 
     at: Array
+    """The parameters, (C, n)."""
+
     system: ReducedSystem
+    """That of one step before, as the last step gains too little to be evaluated."""
+
     free: Mask
+    """Parameters not held at a bound, (C, n) bool."""
+
     steps: int
+    """Evaluations after the first."""
+
     converged: Mask
+    """Whether no step promises a relative gain above the tolerance, (C,) bool."""
 
 
 def minimise(

@@ -73,16 +73,22 @@ class WaterParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:
-    """The reduced problem around one water, for C channels with n parameters each: B, beta, gamma, or more (light.py).
+    """The reduced problem around one water, for C channels with n parameters each.
 
-    H: (C, n, n) float64, of Gauss and Newton; g: (C, n) float64, minus half the gradient of the cost; cost: (C,)
-    float64; K: (C, n, n) float64, half the second derivatives of the cost.
+    These are B, beta, gamma, or more (light.py).
     """
 
     H: Array
+    """Of Gauss and Newton, (C, n, n) float64."""
+
     g: Array
+    """Minus half the gradient of the cost, (C, n) float64."""
+
     cost: Array
+    """Shape (C,), float64."""
+
     K: Array
+    """Half the second derivatives of the cost, (C, n, n) float64."""
 
     def __add__(self, other: ReducedSystem) -> ReducedSystem:
         return ReducedSystem(

@@ -119,16 +119,17 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A water that was fitted to observations.
-
-    noise: (3,) of a pixel's observation if robust weights count, which need it; light: that was removed before.
-    """
+    """A water that was fitted to observations."""
 
     water: WaterParameters
     uncertainty: WaterUncertainty
     course: Course
+
     noise: Array | None = None
+    """Of a pixel's observation, (3,), if robust weights count, which need it; else None."""
+
     light: Light | None = None
+    """What was removed from the observations before."""
 
     def decided(self, **course: Any) -> Fitted:
         """Return it with more in its course."""
@@ -237,7 +238,8 @@ def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observati
     median, far = np.quantile(even.distance, (0.5, 0.95))
     uncertainty = fitted.uncertainty
     before = uncertainty.standard_error.by_channel()
-    error, alike = np.fmax(before, found.error), uncertainty.alike
+    error = np.fmax(before, found.error)
+    alike = uncertainty.alike
     if alike is not None:  # errors of beta are most of what places and views share
         alike = (
             alike
@@ -306,7 +308,9 @@ def fit_water(
     sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
     to_fit = observations if matched is None else matched
     few = sharp if matched is None else matched
-    said, noise, wrong = list[str](), None, None
+    said = list[str]()
+    noise = None
+    wrong = None
     start = how if near is None else partial(how, near=near)
     if robust:
         found, to_fit = fit_robustly(few, how, plain=None if near is None else start(few))

@@ -196,7 +196,8 @@ def _sum_block(
 def _hold(first: Any, n: int, sums: Any, margin: Any, total: Any) -> None:
     """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's."""
     for i in range(n):
-        root, J = np.sqrt(sums[0, i]), sums[1, i]
+        root = np.sqrt(sums[0, i])
+        J = sums[1, i]
         short = root * J + margin
         held = short < _ZERO
         first[0, i] = -_WALL * sums[2, i] * root if held else _ZERO
@@ -258,7 +259,9 @@ def _share_colours(
             V, B = covariance[c], water[c, 0]
             for i in range(n):
                 J_i = sums[1, i]
-                p, q, u = sums[2, i], -J_i * sums[3, i], B * sums[4, i]
+                p = sums[2, i]
+                q = -J_i * sums[3, i]
+                u = B * sums[4, i]
                 of_water = p * (V[0, 0] * p + V[0, 1] * q + V[0, 2] * u)
                 of_water += q * (V[1, 0] * p + V[1, 1] * q + V[1, 2] * u)
                 of_water += u * (V[2, 0] * p + V[2, 1] * q + V[2, 2] * u)
@@ -284,10 +287,8 @@ def compiled(observations: Observations) -> Callable[..., Array]:
     store = store_of(observations)
 
     def compute(formula: Any, block: Block, rows: Array, *parameters: Array | None) -> Array:
-        share, size = (
-            (block.start, block.start + block.n, block.slots),
-            min(max(64, _PLACES // block.slots), 1024),
-        )
+        share = (block.start, block.start + block.n, block.slots)
+        size = min(max(64, _PLACES // block.slots), 1024)
         water, *others = map(_channel_first, (rows, *parameters))
         if formula is colours:
             found = np.empty((2, 3, block.n), dtype=np.float32)

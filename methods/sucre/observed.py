@@ -35,17 +35,18 @@ _FEWEST_MATCHED = 200
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """A view of a scene as options see it: its image, and the observations of its pixels.
-
-    light: of this view, that was removed from both; recorded: the view before that.
-    """
+    """A view of a scene as options see it: its image, and the observations of its pixels."""
 
     options: Sucre
     scene: Scene
     view: View
     observations: Observations
+
     light: Light | None = None
+    """Of this view; it was removed from image and observations."""
+
     recorded: View | None = None
+    """The view before its light was removed."""
 
     @staticmethod
     def of(options: Sucre, scene: Scene, view: View) -> Observed:
@@ -75,11 +76,9 @@ class Observed:
         """Return the view with its own observations alone."""
         from sucre_bench.multiview.observe import observe
 
+        view = self.recorded or self.view
         # light is a matter of views and rays
-        view, is_evened = (
-            self.recorded or self.view,
-            self.light is not None,
-        )
+        is_evened = self.light is not None
         found = observe(
             view, [view], **self.options.pairing_with(with_view=is_evened, with_ray=is_evened)
         )
@@ -169,11 +168,9 @@ class Dive(Observed):
 
         Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left.
         """
-        targets, linked, last = (
-            list[Observed](),
-            list[set[str]](),
-            "no view shares a pixel with another",
-        )
+        targets = list[Observed]()
+        linked = list[set[str]]()
+        last = "no view shares a pixel with another"
         spread = evenly(len(scene), most)
         is_linked = most == _TARGETS and len(scene) <= TOGETHER
         others = sorted(set(range(len(scene))) - set(spread)) if is_linked else []
@@ -185,7 +182,8 @@ class Dive(Observed):
         for k in track(
             [*spread, *others], "common water" if most == _TARGETS else "judging models"
         ):
-            view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
+            view = scene.views[k]
+            names = {one.name for one in scene.views[k : k + 2]}
             if k in others and any(names <= group for group in linked):
                 # it links nothing to the next view
                 continue
@@ -259,9 +257,10 @@ class Dive(Observed):
 
 @dataclass(frozen=True, eq=False)
 class Half(Dive):
-    """A dive as half of its views show it; footprints: those of the dive in these views."""
+    """A dive as half of its views show it."""
 
     footprints: Observations | None = None
+    """Those of the dive in these views."""
 
     @cached_property
     def matched(self) -> Observations | None:
@@ -276,7 +275,8 @@ def _pooled(scene: Scene, parts: Sequence[Observations]) -> Observations:
 def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> Observations:
     """Return n random pixels of those seen more than once, and with `singles` as large a share of the others."""
     rng = np.random.default_rng(seed)
-    repeated, all_pixels = observations.n_repeated, len(observations.pixels)
+    repeated = observations.n_repeated
+    all_pixels = len(observations.pixels)
     if n >= repeated:
         return observations.take(np.arange(all_pixels if singles else repeated))
     chosen = [rng.choice(repeated, n, replace=False)]

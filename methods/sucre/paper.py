@@ -91,7 +91,8 @@ class SucrePaper(FillOption):
 
         observations = paired(scene, view)  # by eqs. 4 and 5, the rule "mutual"
         started = time.perf_counter()
-        start, water = start_of(observations, view.rgb.reshape(-1, 3)), INITIAL_WATER
+        start = start_of(observations, view.rgb.reshape(-1, 3))
+        water = INITIAL_WATER
         if self.start != "paper":
             water = water_of(self.start, scene, view, view.encoding, START).water
         with named(view):

@@ -137,7 +137,8 @@ def blocks(
     slots: how many to give a block that needs so many.
     """
     stop = len(observations.pixels) if stop is None else stop
-    cut, start = [], 0
+    cut = []
+    start = 0
     while start < stop:
         height = slots(int(observations.counts[start]))
         n = min(max(1, elements // height), stop - start)
@@ -157,7 +158,8 @@ def fill(
 
     The weight is (K, n), or (3, K, n) if each channel has its own. width: of the rectangles, n by default.
     """
-    shape, weight = (block.slots, block.n if width is None else width), observations.weight
+    shape = (block.slots, block.n if width is None else width)
+    weight = observations.weight
     z, I = np.zeros(shape, dtype=dtype), np.zeros((3, *shape), dtype=dtype)
     w = np.zeros(shape if weight is None else (*weight.shape[:-1], *shape), dtype=dtype)
     scale = dtype(observations.scale)
@@ -170,20 +172,31 @@ def fill(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Eliminated:
-    """A block after its colours are eliminated. Arrays (3, K, n), or (3, 1, n) for sums over the slots.
-
-    z: distance; s: root of the weight; x = s a; d = s D_B; g = s D_gamma; A = sum x^2; J = sum x y / A and the residual
-    r = y - x J, where y = s (I - b).
-    """
+    """A block after its colours are eliminated. Arrays (3, K, n), or (3, 1, n) for sums over the slots."""
 
     z: Any
+    """Distance."""
+
     s: Any
+    """Root of the weight."""
+
     x: Any
+    """The product s a."""
+
     d: Any
+    """The product s D_B."""
+
     g: Any
+    """The product s D_gamma."""
+
     A: Any
+    """The sum of x^2."""
+
     J: Any
+    """The colour, sum of x y / A, where y = s (I - b)."""
+
     r: Any
+    """The residual, y - x J."""
 
     @staticmethod
     def of(z: Any, I: Any, w: Any, water: Any) -> Eliminated:
@@ -205,7 +218,8 @@ class Eliminated:
     @property
     def columns(self) -> Any:
         """D'_B, D'_beta, D'_gamma and r: (3, 4, K, n)."""
-        x, of_beta = self.x, -self.x * self.J * self.far
+        x = self.x
+        of_beta = -self.x * self.J * self.far
         D = [self.d - x * self.mean(self.d), of_beta, self.g - x * self.mean(self.g), self.r]
         return library_of(x).stack(D, 1)
 
@@ -296,18 +310,23 @@ def _squares(columns: Any, on_gpu: bool) -> Any:
 class Kernel:
     """The passes over the observations it was opened with, as sums over blocks of at most `places` places.
 
-    device: where it computes, "cpu" or "cuda"; compute: returns the result for a block of a formula (`products`,
-    `colours`), float64 or float32, from arrays of parameters; MemoryError where a GPU lacks the memory for it. slots:
-    how many slots to give a block that needs so many. Several blocks are computed at a time on the CPU, block after
-    block on a GPU. Results come in the order of the blocks, whatever thread made them, so that equal runs give equal
-    sums.
+    Several blocks are computed at a time on the CPU, block after block on a GPU. Results come in the order of the
+    blocks, whatever thread made them, so that equal runs give equal sums.
     """
 
     observations: Observations
+
     device: str
+    """Where it computes, "cpu" or "cuda"."""
+
     compute: Callable[..., Array]
+    """Returns the result of a formula (`products`, `colours`) for a block, float64 or float32, from arrays of
+    parameters. Raises MemoryError where a GPU lacks the memory for it."""
+
     places: int
+
     slots: Callable[[int], int] = int
+    """How many to give a block that needs so many."""
 
     def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
         """Return the reduced problem around a water, over the pixels that inform it.

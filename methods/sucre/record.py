@@ -194,7 +194,8 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
 
     negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
     """
-    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared")
+    doubts = []
+    fits_water = getattr(options, "water", "own") in ("own", "shared")
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect, helps in (
             (
@@ -246,7 +247,8 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
     about: dict[str, Any] = {"observations": int(kept.sum())}
     if not kept.any():
         return about
-    r, fit = raw[:, kept] / np.sqrt(1 - h[:, kept]), fit[:, kept]
+    r = raw[:, kept] / np.sqrt(1 - h[:, kept])
+    fit = fit[:, kept]
     mean, std = r.mean(axis=1), r.std(axis=1)
     standard = np.divide(
         r - mean[:, None], std[:, None], out=np.full_like(r, np.nan), where=std[:, None] > 0

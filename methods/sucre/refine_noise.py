@@ -148,7 +148,8 @@ def calibrated(observations: Observations, solution: Solution) -> Solution:
         a = transmission(
             observations.distance[part], solution.water.columns()[1].astype(np.float32)
         )
-        information, v = information_of(observations, a, part), trust[part]
+        information = information_of(observations, a, part)
+        v = trust[part]
         A[:, :n] += v * information
         vA[:, :n] += v**2 * information
         A2[:, :n] += (v * information) ** 2
@@ -173,7 +174,8 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
     places = np.arange(0, observations.n_repeated, -(-observations.n_repeated // _SAMPLE))
     few = observations.take(places)
     trusted = replace(observations, weight=_trust(observations, solution)).take(places).weight
-    counted, J = np.broadcast_to(np.asarray(trusted), few.colour.shape), solution.J[:, places]
+    counted = np.broadcast_to(np.asarray(trusted), few.colour.shape)
+    J = solution.J[:, places]
     r, h, strength, _ = residuals_of(few, J, solution.water, counted)
     parts = np.zeros((3, 2))
     for c in range(3):
@@ -181,7 +183,8 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
         if known.sum() < _FEWEST:
             parts[c] = solution.uncertainty.noise[c] ** 2, 0
             continue
-        x, v = strength[c, known].astype(np.float64), counted[c, known]
+        x = strength[c, known].astype(np.float64)
+        v = counted[c, known]
         y = (r[c, known] ** 2 / (1 - h[c, known])).astype(np.float64)
         classes = [one for one in np.array_split(np.argsort(x), _CLASSES) if len(one)]
         y, x = (
@@ -240,7 +243,8 @@ def _filtered(
         return box_sum(weight * values, half) / total
 
     x_mean, y_mean = mean(x), mean(y)
-    xy, xx = mean(x * y) - x_mean * y_mean, np.maximum(mean(x * x) - x_mean**2, 0)
+    xy = mean(x * y) - x_mean * y_mean
+    xx = np.maximum(mean(x * x) - x_mean**2, 0)
     alpha = xy / (xx + _ALIKE + mean(v_x))
     rest = np.maximum(mean(y * y) - y_mean**2 - 2 * alpha * xy + alpha**2 * xx, 0)
     noise = np.maximum(mean(v), _TINY)

@@ -192,10 +192,8 @@ def corrected_edges(
     """
     import cv2
 
-    known, half = (
-        np.isfinite(J + intensity).all(axis=-1) & (z > 0),
-        max(_FEWEST, round(_HALF * z.shape[1])),
-    )
+    known = np.isfinite(J + intensity).all(axis=-1) & (z > 0)
+    half = max(_FEWEST, round(_HALF * z.shape[1]))
     parameters = (column.astype(np.float32)[:, 0] for column in water.columns())
     own, a = inverted(
         intensity.astype(np.float32), z[..., None].astype(np.float32), parameters, _FAINTEST
@@ -232,10 +230,8 @@ def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
     assert observations.view is not None, "observe with views"
     place = observations.place
     is_own = observations.view == observations.views.index(target)
-    others, own = (
-        np.bincount(place[~is_own], v[~is_own], len(observations.pixels)),
-        place[is_own],
-    )
+    others = np.bincount(place[~is_own], v[~is_own], len(observations.pixels))
+    own = place[is_own]
     wrong = np.zeros(observations.shape, dtype=bool)
     wrong.ravel()[observations.pixels[own[(v[is_own] < WRONG) & (others[own] > _AGREE)]]] = True
     return wrong
@@ -246,7 +242,8 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     places = np.flatnonzero(known)
     few = places[:: max(1, len(places) // _SAMPLE)]
     few = few[np.argsort(distance.ravel()[few], kind="stable")]
-    z, squares = distance.ravel()[few], (e.reshape(-1, 3)[few] * a.reshape(-1, 3)[few]) ** 2
+    z = distance.ravel()[few]
+    squares = (e.reshape(-1, 3)[few] * a.reshape(-1, 3)[few]) ** 2
     classes = [part for part in np.array_split(np.arange(len(z)), _CLASSES) if len(part)]
     middle = [z[part].mean() for part in classes]
     typical = np.sqrt(
@@ -269,7 +266,9 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
 
 def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | None]:
     """Return colours without specks and, with refine=true, with less noise and without gaps; and what shrank them."""
-    options, linear, prior = seen.options, seen.encoding == "linear", None
+    options = seen.options
+    linear = seen.encoding == "linear"
+    prior = None
     if not solution.is_photograph:
         if options.colours == "multi_view" and (solution.trust is not None or options.refine):
             solution = calibrated(seen.observations, solution)
@@ -296,7 +295,9 @@ def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | 
 
 def _of_many_views(seen: Observed, solution: Solution) -> Solution:
     """Return colours without gaps, with the edges that the image shows, and with less noise in two channels."""
-    observations, view, is_wrong = seen.observations, seen.view, None
+    observations = seen.observations
+    view = seen.view
+    is_wrong = None
     if solution.trust is not None:
         is_wrong = wrong_in_target(observations, solution.trust, view.name)
         observations = trusted(observations, solution.trust)
@@ -304,10 +305,8 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
     def by_pixel(image: Array) -> Array:
         return image.reshape(-1, 3)[observations.pixels].T
 
-    J, deviation = (
-        evened(observations, solution.J, solution.water, view.name),
-        solution.deviation,
-    )
+    J = evened(observations, solution.J, solution.water, view.name)
+    deviation = solution.deviation
     if seen.options.robust is not True:
         images = observations.image(J), observations.image(deviation)
         images = corrected_edges(
@@ -333,7 +332,9 @@ def fill_pixels_without_depth(
     import cv2
 
     z = fill_distances(view)
-    holes, specks, water = z > 0, (view.depth > 0) & ~restoration.valid, restoration.water
+    holes = z > 0
+    specks = (view.depth > 0) & ~restoration.valid
+    water = restoration.water
     if water is None or not (holes | specks).any():
         return restoration
     J = filled_by_water(view, water, z)[holes].T  # (3, P)
@@ -346,7 +347,8 @@ def fill_pixels_without_depth(
     around = cv2.blur(known, (_AROUND, _AROUND), borderType=cv2.BORDER_CONSTANT)
     specks &= around[..., 3] > 0
     filled[specks] = around[specks, :3] / around[specks, 3:]
-    if (confidence := restoration.confidence) is not None:
+    confidence = restoration.confidence
+    if confidence is not None:
         confidence = confidence.copy()
         confidence[holes] = np.sqrt((deviation**2).mean(axis=0))
     return replace(restoration, filled=filled, confidence=confidence)

@@ -27,7 +27,8 @@ def residuals_of(
     information = information_of(observations, a, everything)
     I = observations.intensity(everything)
     r = I - J[:, place] * a - veil(z, B, gamma)
-    known, total = v * information, np.zeros_like(J)
+    known = v * information
+    total = np.zeros_like(J)
     for n, part in observations.slots():
         total[:, :n] += known[:, part]
     total = total[:, place]

@@ -82,7 +82,8 @@ def fit_robustly(
     Returns the last fit, and the observations with the weights it was made with.
     """
     weighted = observations
-    found, near = plain or fit(weighted), None  # weights may lead to another minimum, once
+    found = plain or fit(weighted)
+    near = None  # weights may lead to another minimum, once
     z = np.quantile(observations.distance, (0.05, 0.5, 0.95))
     for _ in range(max_rounds):
         before = found.water

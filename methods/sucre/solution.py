@@ -37,66 +37,92 @@ MOST_NEGATIVE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A model that was fitted to half of a dive's views and judged on the others; see judge.py.
-
-    held_out: its error in views that it has not seen, over that of no water; negative: (3,) share of colours below
-    zero; drift: of colours from near to far ground, in a* b*, and that of the photograph.
-    """
+    """A model that was fitted to half of a dive's views and judged on the others; see judge.py."""
 
     model: str
+
     held_out: float
+    """Its error in views that it has not seen, over that of no water."""
+
     negative: Sequence[float]
+    """Share of colours below zero, (3,)."""
+
+    # Of colours from near to far ground, in a* b*.
     drift: float
     drift_of_photograph: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """How a solution was found, in the words of its record; None where nothing was to be decided.
-
-    solver: exact; adam; given, the water is from elsewhere; none, the photograph without a water. steps: passes over
-    all observations; initial_cost: (3,) of Adam's start. footprint: whether the water was fitted to equal footprints;
-    unexplained: their mean noise in it, an intensity; robust: "wrong", the share of observations that weights leave
-    out; physical: whether colours were held above zero. model: what was fitted; judged: the models it was chosen from,
-    the chosen one first. gains: of views by name, a number or three each; residuals: their
-    statistics.
-    """
+    """How a solution was found, in the words of its record; None where nothing was to be decided."""
 
     solver: Literal["exact", "adam", "given", "none"]
+    """With "given" the water is from elsewhere; "none" is the photograph without a water."""
+
     device: str
+
     steps: int | None = None
+    """Passes over all observations."""
+
     converged: bool | None = None
+
     initial_cost: Array | None = None
+    """Of Adam's start, (3,)."""
+
     footprint: bool | None = None
+    """Whether the water was fitted to equal footprints."""
+
     unexplained: float | None = None
+    """Mean noise of the footprints in this water, an intensity."""
+
     robust: Mapping[str, float] | None = None
+    """Under "wrong", the share of observations that weights leave out."""
+
     physical: bool | None = None
+    """Whether colours were held above zero."""
+
     model: str | None = None
+    """What was fitted."""
+
     judged: Sequence[Judged] | None = None
+    """The models it was chosen from, the chosen one first."""
+
     light: LightRecord | None = None
+
     gains: Mapping[str, Any] | None = None
+    """Of views by name, a number or three each."""
+
     residuals: Mapping[str, Any] | None = None
+    """Their statistics, see record.py."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """A water and the colours in it.
-
-    J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
-    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; trust: (N,) robust weight of each
-    observation, 0 to 1; light: that was removed from the observations; growth: (3, P), how many times larger than
-    `deviation` the standard deviation is if residuals of neighbours and of a view are alike.
-    """
+    """A water and the colours in it."""
 
     J: Array
+    """Intensities without water, (3, P) float32, in the order of `Observations.pixels`."""
+
     deviation: Array
+    """Standard deviation of J, (3, P) float32, in the same order."""
+
     water: WaterParameters
+
     cost: Array
+    """Sum of squared residuals, (3,)."""
+
     uncertainty: WaterUncertainty
     course: Course
+
     trust: Array | None = None
+    """Robust weight of each observation, (N,), 0 to 1."""
+
     light: Light | None = None
+    """What was removed from the observations."""
+
     growth: Array | None = None
+    """How many times larger than `deviation` the standard deviation is, (3, P), if residuals of neighbours and of a
+    view are alike."""
 
     @property
     def is_photograph(self) -> bool:

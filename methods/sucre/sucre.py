@@ -223,14 +223,17 @@ def check(options: Any, method: str) -> None:
     water = f"{method}.water={options.water}"
     check_source(options.water)
     for name in ("footprint", "physical", "robust"):
-        if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
+        value = getattr(options, name)
+        if value != "auto" and not isinstance(value, bool):
             raise InputError(
                 f"{method}.{name}: '{value}' is not a choice; use true, false or auto"
             )
     parts = parts_of(options.light, f"{method}.light")
-    found_with_own = (
-        "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
-    )
+    found_with_own = ""
+    if options.robust is True:
+        found_with_own = "robust"
+    elif parts not in (None, Parts()):
+        found_with_own = "light"
     if options.water not in ("own", "shared") and found_with_own:
         raise InputError(
             f"{method}.{found_with_own}: is found with the water; leave out {water}"

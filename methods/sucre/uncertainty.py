@@ -42,21 +42,29 @@ FAR_COLOURS = "colours of far ground may be wrong by"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterUncertainty:
-    """What is known about the errors of a water.
-
-    noise: (3,) standard deviation of an observation in each channel, in intensity; covariance: (3, 3, 3) of B, beta,
-    gamma in each channel; standard_error: of each parameter, NaN where it is held at a bound; condition: (3,) of the
-    scaled H; limits: in words, the parameters that the observations do not determine; is_weak: channels that a weak
-    prior decides; alike: like covariance, where it is larger if residuals of neighbours and of a view are alike.
-    """
+    """What is known about the errors of a water."""
 
     noise: Array
+    """Standard deviation of an observation in each channel, (3,), in intensity."""
+
     covariance: Array
+    """Of B, beta, gamma in each channel, (3 channels, 3, 3)."""
+
     standard_error: WaterParameters
+    """Of each parameter; NaN where it is held at a bound."""
+
     condition: Array
+    """Of the scaled H, (3,)."""
+
     limits: tuple[str, ...]
+    """In words, the parameters that the observations do not determine, and what else a user should know."""
+
     is_weak: tuple[bool, bool, bool] = (False, False, False)
+    """Channels that a weak prior decides."""
+
     alike: Array | None = None
+    """Like `covariance`, but larger where residuals of neighbours and of a view that are alike make it so; None if this
+    was not estimated."""
 
     def with_limits(self, limits: Iterable[str]) -> WaterUncertainty:
         """Return the uncertainty with more limits."""
@@ -140,24 +148,18 @@ def _cluster_sums(
     observations: Observations, water: WaterParameters
 ) -> tuple[Array, list[Array]]:
     """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
-    (height, width), view, down = (
-        observations.shape,
-        observations.view,
-        _TILES * observations.stacked,
-    )
+    height, width = observations.shape
+    view = observations.view
+    down = _TILES * observations.stacked
     y, x = np.divmod(observations.pixels, width)
     tile = y * down // height * _TILES + x * _TILES // width
-    H, sums = (
-        np.zeros((3, 3, 3)),
-        [np.zeros((9, down * _TILES)), np.zeros((9, len(observations.views)))],
-    )
+    H = np.zeros((3, 3, 3))
+    sums = [np.zeros((9, down * _TILES)), np.zeros((9, len(observations.views)))]
     rows = tuple(column[..., None] for column in water.columns())
     for block in blocks(observations, _PLACES, stop=observations.n_repeated):
         columns = Eliminated.of(*fill(observations, block, np.float64), rows).columns
-        D, scores = (
-            columns[:, :3],
-            (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1),
-        )
+        D = columns[:, :3]
+        scores = (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
         H += np.einsum("cikn,cjkn->cij", D, D)
         sums[0] += _summed(
             scores.sum(axis=1), tile[block.start : block.start + block.n], sums[0].shape[1]
@@ -217,11 +219,9 @@ def uncertainty_of(
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
     if tied:
-        covariance, error, informed = (
-            TIED.T @ covariance @ TIED,
-            error[:, [0, 1, 1]],
-            informed[:, [0, 1, 1]],
-        )
+        covariance = TIED.T @ covariance @ TIED
+        error = error[:, [0, 1, 1]]
+        informed = informed[:, [0, 1, 1]]
     limits = _limits(water.by_channel(), error, free, informed, dead, weak)
     if n_excess <= 3:
         limits.append(_TOO_FEW)
@@ -273,4 +273,4 @@ def _loose(c: int, water: Array, error: Array) -> str:
         )
         if is_loose
     ]
-    return f"{CHANNELS[c]}: is known only roughly: {', '.join(loose)}" * bool(loose)
+    return f"{CHANNELS[c]}: is known only roughly: {', '.join(loose)}" if loose else ""

@@ -51,19 +51,23 @@ _ALPHA = 0.1  # the share trimmed at each end
 
 @dataclass(frozen=True, slots=True)
 class Colourfulness:
-    """The points on which implementations of UICM differ.
-
-    trimmed_variance: var over the pixels mu is made of; wraparound: R - G and R + G modulo 256, as unsigned bytes do;
-    rounded: both tails of the nearest whole number of pixels, sums divided by .8 of the pixels, a fraction too;
-    first_output: the trimmed mean of R - G alone, the first of several results of a program; order: which channel is
-    taken for R, G and B.
-    """
+    """The points on which implementations of UICM differ."""
 
     trimmed_variance: bool = False
+    """Whether var is over the pixels that mu is made of."""
+
     wraparound: bool = False
+    """Whether R - G and R + G are modulo 256, as unsigned bytes are."""
+
     rounded: bool = False
+    """Whether both tails have the nearest whole number of pixels, and sums are divided by .8 of the pixels, which may
+    be a fraction."""
+
     first_output: bool = False
+    """Whether the result is the trimmed mean of R - G alone, the first of several results of a program."""
+
     order: str = "RGB"
+    """Which channel is taken for R, G and B."""
 
 
 def uicm(shown: AnyArray, form: Colourfulness = Colourfulness()) -> float:
@@ -127,13 +131,15 @@ _CONTRAST = Contrast()
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """What a variant is made of. weights: of UICM, UISM and UIConM."""
+    """What a variant is made of."""
 
     about: str
     colour: Colourfulness = _COLOUR
     sharp: Sharpness = _SHARP
     contrast: Contrast = _CONTRAST
+
     weights: tuple[float, float, float] = (0.0282, 0.2953, 3.5753)
+    """Of UICM, UISM and UIConM."""
 
 
 _BLUE144 = (0.299, 0.587, 0.144)

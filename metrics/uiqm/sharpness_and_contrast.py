@@ -16,7 +16,7 @@ Plane = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extremes:
-    """least, most: (..., k1, k2), of every block, cut ones included."""
+    """The least and the greatest value of every block, cut ones included, each (..., k1, k2)."""
 
     least: AnyArray
     most: AnyArray
@@ -242,23 +242,30 @@ _REC709 = (2125, 7154, 721)  # ten-thousandths
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """The points on which implementations of UIConM differ.
-
-    levels: "luma" (.299 .587 .114) and "rec709" (over 255, in [0, 1]) of one intensity; "together", extremes over all
-    three channels; "each", the modulus of each channel's mean, summed, of the picture that `resized_extremes` enlarges;
-    plip: whether m is made with (-) and (+), else - and +; total: "plip", a PLIP sum, positive; "plain", a plain sum
-    with the PLIP factor, its sign as printed; "mean", the mean, positive; order: which channel is taken for R, G and B;
-    block, cut_blocks, fractional: see `sharpness.Sharpness`; fails_on_black: the program divides by 0 there.
-    """
+    """The points on which implementations of UIConM differ."""
 
     levels: Literal["luma", "rec709", "together", "each"] = "luma"
+    """What the levels are of. "luma" (.299 .587 .114), "rec709" (over 255, in [0, 1]): one intensity; "together":
+    extremes over all three channels; "each": the modulus of each channel's mean, summed, of the picture that
+    `resized_extremes` enlarges."""
+
     plip: bool = True
+    """Whether m is made with (-) and (+), else - and +."""
+
     total: Literal["plip", "plain", "mean"] = "plip"
+    """How blocks are summed. "plip": a PLIP sum, positive; "plain": a plain sum with the PLIP factor, its sign as
+    printed; "mean": the mean, positive."""
+
     order: Literal["RGB", "BGR"] = "RGB"
+    """Which channel is taken for R, G and B."""
+
+    # See `Sharpness`.
     block: int = 10
     cut_blocks: bool = False
     fractional: bool = False
+
     fails_on_black: bool = False
+    """Whether the program divides by 0 where a block is black."""
 
 
 def uiconm(shown: AnyArray, form: Contrast = Contrast()) -> float:
@@ -330,21 +337,27 @@ Zero = Literal["nothing", "one", "almost"]
 
 @dataclass(frozen=True, slots=True)
 class Sharpness:
-    """The points on which implementations of UISM differ.
-
-    weights: of EME(R), EME(G), EME(B); block: its side, pixels; cut_blocks: whether blocks cut by the image's edge
-    count; edges: what EME is of: "sobel", C |Sobel(C)|; "rounded", C |Sobel(C / 255)| to the nearest whole number;
-    "levels", C itself; "resized", |S_x - S_y|, resized to a multiple of the block, see `resized_extremes`;
-    zero: what a block with a 0 counts as: "nothing"; "one", ln(max / 1); "almost", ln(max / 1 + .00001), which is added
-    in every block; fractional: the sum over blocks is divided by (H / side) (W / side), whole or not.
-    """
+    """The points on which implementations of UISM differ."""
 
     weights: tuple[float, float, float] = (0.299, 0.587, 0.114)
+    """Of EME(R), EME(G), EME(B)."""
+
     block: int = 10
+    """Side of a block, pixels."""
+
     cut_blocks: bool = False
+    """Whether blocks cut by the image's edge count."""
+
     edges: Literal["sobel", "rounded", "levels", "resized"] = "sobel"
+    """What EME is of. "sobel": C |Sobel(C)|; "rounded": C |Sobel(C / 255)| to the nearest whole number; "levels": C
+    itself; "resized": |S_x - S_y|, resized to a multiple of the block, see `resized_extremes`."""
+
     zero: Zero = "nothing"
+    """What a block with a 0 counts as. "nothing": nothing; "one": ln(max / 1); "almost": ln(max / 1 + .00001), which is
+    added in every block."""
+
     fractional: bool = False
+    """Whether the sum over blocks is divided by (H / side) (W / side), whole or not."""
 
 
 def uism(shown: AnyArray, form: Sharpness = Sharpness()) -> float:

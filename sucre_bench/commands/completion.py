@@ -89,11 +89,11 @@ def _items(typed: str, found: Iterable[str]) -> list[CompletionItem[str]]:
 
 def _keys(typed: str, words: Sequence[str]) -> Iterator[str]:
     """The keys that a word may begin with; behind a dot the options of what stands before it. words: before it."""
-    from sucre_bench.jobs import catalogue, configs
+    from sucre_bench.jobs import catalogue, hydra_configs
     from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 
     kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
-    given = configs.choices() | dict(word.partition("=")[::2] for word in words)
+    given = hydra_configs.choices() | dict(word.partition("=")[::2] for word in words)
     chosen = {kind: given[kind].split(",") for kind in kinds}
     group, dot, _ = typed.rpartition(".")
     options = RunConfig.defaults()
@@ -115,7 +115,7 @@ def _names(group: str, value: str) -> list[str]:
     A metric's variant stands behind a colon.
     """
     from sucre_bench import plugins
-    from sucre_bench.jobs import catalogue, configs
+    from sucre_bench.jobs import catalogue, hydra_configs
 
     last = re.split(r"[\[,]", value)[-1]
     before = value.removesuffix(last)
@@ -124,9 +124,9 @@ def _names(group: str, value: str) -> list[str]:
     if metric and kind == "metric":
         known = [f"{metric.name}:{variant}" for variant in (*metric.variants, "all")]
     elif group.startswith("hydra/"):
-        known = configs.loader().get_group_options(group)
+        known = hydra_configs.loader().get_group_options(group)
     else:
-        known = [*(plugins.usable(kind) if kind else ()), *configs.descriptions(group)]
+        known = [*(plugins.usable(kind) if kind else ()), *hydra_configs.descriptions(group)]
     taken = before.strip("[,").split(",")
     return [f"{before}{name}" for name in known if name.startswith(last) and name not in taken]
 

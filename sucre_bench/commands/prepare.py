@@ -128,7 +128,7 @@ def prepare(
     --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you
     give another. If you stop prepare, the same command continues.
     """
-    from sucre_bench.jobs.words import quoted
+    from sucre_bench.jobs.word_syntax import quoted
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.scale import known_scale
     from sucre_bench.programs.prepare.shots import load_pycolmap

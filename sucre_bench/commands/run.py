@@ -117,8 +117,8 @@ def run(
     Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was restored
     or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
-    from sucre_bench.jobs import configs
-    from sucre_bench.jobs.words import value_of
+    from sucre_bench.jobs import hydra_configs
+    from sucre_bench.jobs.word_syntax import value_of
     from sucre_bench.machine.files import check_folder
 
     if plugin_files:
@@ -129,7 +129,7 @@ def run(
     if config_dir is not None:
         check_folder(config_dir, "give the folder that holds method/, experiment/ and others")
     places = () if config_dir is None else (f"file://{config_dir.resolve()}",)
-    with configs.searching(*places, config=config_name):
+    with hydra_configs.searching(*places, config=config_name):
         if any(shown[name] for name in ("cfg", "info", "hydra_help")):
             _show(overrides, multirun, **shown)
             return
@@ -216,10 +216,10 @@ def _show(
     from omegaconf import OmegaConf
 
     from sucre_bench.errors import InputError
-    from sucre_bench.jobs import compose_jobs, configs
+    from sucre_bench.jobs import compose_jobs, hydra_configs
     from sucre_bench.jobs.read_words import read, reading_experiment
 
-    app = configs.hydra_app()
+    app = hydra_configs.hydra_app()
     kinds = (
         ("job", "hydra", "all")
         if cfg
@@ -232,7 +232,9 @@ def _show(
     if hydra_help:
         parser = get_args_parser()
         app.hydra_help(
-            config_name=configs.config_name(), args_parser=parser, args=parser.parse_args([])
+            config_name=hydra_configs.config_name(),
+            args_parser=parser,
+            args=parser.parse_args([]),
         )
         return
     with reading_experiment(words) as words:
@@ -241,10 +243,10 @@ def _show(
         command = compose_jobs.command_of(asked)
         lines = compose_jobs.lines_of(asked)
         if info:
-            app.show_info(kind, config_name=configs.config_name(), overrides=lines)
+            app.show_info(kind, config_name=hydra_configs.config_name(), overrides=lines)
             return
-        config = configs.composed(lines, is_sweep=True) if is_sweep else command.config
-    with configs.current(config):
+        config = hydra_configs.composed(lines, is_sweep=True) if is_sweep else command.config
+    with hydra_configs.current(config):
         whole = app.get_sanitized_cfg(config, kind)
         shown: Any = OmegaConf.select(whole, package) if package else whole
         if shown is None:

@@ -17,7 +17,7 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.training_pictures import seen_in_training
 from sucre_bench.errors import escaped_breaks
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.machine import terminal
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.results import with_remedy
@@ -136,7 +136,7 @@ def _named_metrics(job: Job) -> Sequence[str]:
     """The metrics that the command or its study names; none if the command takes those of every run."""
     if job.study is not None and job.study.metrics:
         return job.study.metrics
-    if configs.metrics_of_every_run() <= {metric.plugin.name for metric in job.metrics}:
+    if hydra_configs.metrics_of_every_run() <= {metric.plugin.name for metric in job.metrics}:
         return ()
     return [
         f"{metric.plugin.name}:{variant}"
@@ -152,7 +152,9 @@ def _written(
 
     Returns the files of the experiment and its notes, and the page.
     """
-    paths, notes, page = tuple[Path, ...](), list[str](), None
+    paths = tuple[Path, ...]()
+    notes = list[str]()
+    page = None
     if outcome.job.study is not None:
         from sucre_bench.reports import paper
 
@@ -163,7 +165,8 @@ def _written(
         made = paper.write(
             outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known
         )
-        paths, notes = made.paths, [*made.notes]
+        paths = made.paths
+        notes = [*made.notes]
     if outcome.job.report and len(outcome.rows):
         from sucre_bench.reports.page import write
 

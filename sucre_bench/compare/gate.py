@@ -24,11 +24,16 @@ _WORST = 5
 
 @dataclass(frozen=True)
 class Gate:
-    """A limit. method: a label, "" for all; metric: "name" or "name:variant"; limit: of the gain, at most 0."""
+    """A limit."""
 
     method: str
+    """A label, "" for all."""
+
     metric: str
+    """As "name" or "name:variant"."""
+
     limit: float
+    """Of the gain, at most 0."""
 
     @classmethod
     def read(cls, text: str) -> Gate:
@@ -51,19 +56,21 @@ Outcome = Literal["passed", "failed", "unknown", "no score"]
 
 @dataclass(frozen=True)
 class Gated:
-    """What a gate says of a method in one column of one dataset.
-
-    gain: with its interval; outcome: "unknown" where no interval ends, "no score" where the method has none that the
-    baseline has too; worst: views with the largest losses, and their gains.
-    """
+    """What a gate says of a method in one column of one dataset."""
 
     dataset: str
     method: str
     column: Column
     gate: Gate
+
     gain: Difference
+    """Paired difference to the baseline, positive = better, with its interval."""
+
     outcome: Outcome
+    """It is "unknown" where no interval ends, and "no score" where the method has none that the baseline has too."""
+
     worst: tuple[tuple[str, float], ...] = ()
+    """Views with the largest losses, and their gains."""
 
     @property
     def fails(self) -> bool:

@@ -29,15 +29,16 @@ from sucre_bench.results.rows import (
 
 @dataclass(frozen=True)
 class About:
-    """The methods of a dataset.
-
-    notes: what each was trained on, which are this project's, and which changed between views; photographs: those that
-    return the photograph itself; is_track: whether views lie along a track: views without poses have no order.
-    """
+    """The methods of a dataset."""
 
     notes: tuple[Note, ...]
+    """What each was trained on, which are this project's, and which changed between views."""
+
     photographs: Collection[str]
+    """Those that return the photograph itself."""
+
     is_track: bool
+    """Whether views lie along a track: views without poses have no order."""
 
 
 def about(rows: DataFrame) -> About:

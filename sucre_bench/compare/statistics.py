@@ -78,15 +78,16 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class Units:
-    """A column of scores by independent unit.
-
-    sums: (S, M) the sum over a unit's views, a column a method, NaN for a method with a score that is not finite;
-    sizes: (S,) how many views a unit has; in_order: whether units are views along a track, where neighbours are alike.
-    """
+    """A column of scores by independent unit."""
 
     sums: Array
+    """(S, M): the sum over a unit's views, a column a method; NaN for a method with a score that is not finite."""
+
     sizes: Array
+    """(S,): how many views a unit has."""
+
     in_order: bool = False
+    """Whether units are views along a track, where neighbours are alike."""
 
     @classmethod
     def of(cls, views: Array, scenes: Sequence[int], in_order: bool = False) -> Units:
@@ -166,16 +167,19 @@ class Units:
 
 @dataclass(frozen=True)
 class ColumnScores:
-    """The numbers behind one column's cells.
-
-    methods: (M,) labels; places: (V,) scene and view; views: (V, M) means per view, no holes; independent: the same by
-    independent unit, None where there are no intervals.
-    """
+    """The numbers behind one column's cells."""
 
     methods: tuple[str, ...]
+    """(M,): labels."""
+
     places: tuple[tuple[str, str], ...]
+    """(V,): scene and view."""
+
     views: Array
+    """(V, M): means per view, no holes."""
+
     independent: Units | None
+    """The same by independent unit; None where there are no intervals."""
 
     def of(self, methods: Sequence[int]) -> ColumnScores:
         """Return the scores of some methods, by their numbers."""

@@ -83,17 +83,21 @@ _PLACES: Mapping[int, Look] = {1: "best", 2: "second"}
 
 @dataclass(frozen=True)
 class Shown:
-    """The parts of a cell, each "" where there is none.
-
-    mark: "≈", no different by more than chance, where others are; interval: with its brackets; holes: "○" and how many;
-    look: what sets it apart: "best", "second", or with a baseline "better", "worse".
-    """
+    """The parts of a cell, each "" where there is none."""
 
     mark: str
+    """It is "≈" if the score is no different by more than chance, where others are."""
+
     value: str
+
     interval: str
+    """With its brackets."""
+
     holes: str
+    """As "○" and how many."""
+
     look: Look
+    """What sets it apart: "best", "second", or with a baseline "better", "worse"."""
 
     def __str__(self) -> str:
         return " ".join(filter(None, [self.mark, self.value, self.interval, self.holes]))

@@ -120,12 +120,14 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _Degraded:
-    """A view's pixels, degraded when they are loaded. has_references: whether water is added to the reference."""
+    """A view's pixels, degraded when they are loaded."""
 
     view: View
     scene: str
     degradation: Degradation
+
     has_references: bool
+    """Whether water is added to the reference."""
 
     @property
     def source(self) -> Pixels:

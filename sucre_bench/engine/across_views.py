@@ -147,16 +147,19 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
 
 @dataclass(frozen=True, eq=False)
 class Entrant:
-    """What one method made of a scene.
-
-    bases: what the rows of a restored view say, by the view's name; open: returns the restored view of a name; scorers:
-    metrics of pairs; among: a hash of the restored views, which ends the `code` of their rows.
-    """
+    """What one method made of a scene."""
 
     bases: Mapping[str, Row]
+    """What the rows of a restored view say, by the view's name."""
+
     open: Callable[[str], RestoredView]
+    """Returns the restored view of a name."""
+
     scorers: Sequence[Scorer]
+    """Metrics of pairs."""
+
     among: str = ""
+    """A hash of the restored views, which ends the `code` of their rows."""
 
     def code(self, base: Row, scorer: Scorer) -> str:
         """Return the `code` of a score's rows."""
@@ -227,7 +230,8 @@ class _Tally:
 
     def _base(self, name: str) -> Row:
         """What the rows of a view say."""
-        plugin, whole = self.scorer.plugin, self.entrant.bases[name]
+        plugin = self.scorer.plugin
+        whole = self.entrant.bases[name]
         return replace(
             whole,
             code=self.entrant.code(whole, self.scorer),

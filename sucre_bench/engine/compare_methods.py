@@ -53,10 +53,6 @@ class Compared:
 
     It leaves out seconds and memory, which `table` has.
 
-    rows: the long table, a row a score, each on a method's own pixels; common: scores on the pixels that all methods
-    fill, of views where these differ, for `comparison`; pictures: the restored images (H, W, 3) uint8 RGB by view and
-    label, holes black. What failed or was skipped is in `rows` alone, with the reason.
-
     >>> compared = compare_methods(Scene("reef", [], frozenset()), ["gray_world"])
     >>> compared.pictures
     {}
@@ -64,9 +60,17 @@ class Compared:
 
     scene: Scene
     labels: tuple[str, ...]
+
     rows: DataFrame
+    """The long table, a row a score, each on a method's own pixels. It alone has what failed or was skipped, with the
+    reason."""
+
     pictures: Mapping[tuple[str, str], Picture] = field(default_factory=dict)
+    """The restored images (H, W, 3) uint8 RGB by view and label, holes black."""
+
     common: DataFrame | None = None
+    """Scores on the pixels that all methods fill, of views where these differ, for `comparison`; None if methods
+    are compared on their own pixels."""
 
     def __post_init__(self) -> None:
         if not hasattr(self.rows, "columns"):
@@ -103,7 +107,8 @@ class Compared:
         return as_text([without_costs(found)], how) if found else "no scores"
 
     def __repr__(self) -> str:
-        if (found := self.comparison) is None:
+        found = self.comparison
+        if found is None:
             return "no scores"
         return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH)
 
@@ -213,7 +218,8 @@ def compare_methods(
     metrics = [metrics] if isinstance(metrics, str) else list(metrics)
     metrics = metrics or ["default"]
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
-    tables, held = [results.frame([])], dict[tuple[str, str], Source]()
+    tables = [results.frame([])]
+    held = dict[tuple[str, str], Source]()
     is_shown = sys.stderr.isatty() if show_progress is None else show_progress
     with progress.live() if is_shown else contextlib.nullcontext():
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):

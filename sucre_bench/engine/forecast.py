@@ -15,17 +15,16 @@ from sucre_bench.results.rows import restorations
 
 @dataclass(frozen=True)
 class Expected:
-    """A dataset and method: how many jobs it has, how many views, and how many of them are stored.
-
-    seconds: what the others will take, NaN if no view of this configuration is stored.
-    """
+    """A dataset and method: how many jobs it has, how many views, and how many of them are stored."""
 
     dataset: str
     method: str
     jobs: int
     views: int
     stored: int
+
     seconds: float
+    """What the views that are not stored will take; NaN if no view of this configuration is stored."""
 
 
 def forecast(overrides: Sequence[str], multirun: bool) -> list[Expected]:

@@ -17,11 +17,11 @@ from sucre_bench.engine.preflight import check
 from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
 from sucre_bench.engine.workers import run_jobs
 from sucre_bench.errors import InputError, in_one_line
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.compose_jobs import Command, command_of, job_of, lines_of
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.read_words import read, reading_experiment
-from sucre_bench.jobs.words import parse, value_of
+from sucre_bench.jobs.word_syntax import parse, value_of
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now
 
@@ -50,8 +50,8 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         is_ours = asked.choice("hydra/sweeper") == "pairs"
         if not is_ours:  # what all jobs share is not among what tells them apart
             lines = lines_of(asked)
-            config = configs.composed(lines, is_sweep=True)
-            parsed = zip(lines, parse(lines, configs.loader()), strict=True)
+            config = hydra_configs.composed(lines, is_sweep=True)
+            parsed = zip(lines, parse(lines, hydra_configs.loader()), strict=True)
             swept = [line for line, word in parsed if word.is_swept]
             shared = [line for line in lines if line not in swept]
             keys = [line.lstrip("+").partition("=")[0] for line in shared]
@@ -62,8 +62,10 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         _check_hydra(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context = _context(config)
-        context.callbacks.on_multirun_start(config=config, config_name=configs.config_name())
-        with configs.faults_of_hydra(lines):
+        context.callbacks.on_multirun_start(
+            config=config, config_name=hydra_configs.config_name()
+        )
+        with hydra_configs.faults_of_hydra(lines):
             sweeper: Any = Plugins.instance().instantiate_sweeper(
                 config=config, hydra_context=context, task_function=run_launched
             )
@@ -73,7 +75,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
                 watch.start(job_of(config))
                 watch.before(())
             outcome = sweeper.sweep(arguments=swept)
-        context.callbacks.on_multirun_end(config=config, config_name=configs.config_name())
+        context.callbacks.on_multirun_end(
+            config=config, config_name=hydra_configs.config_name()
+        )
         if isinstance(outcome, Outcome):
             return outcome
         # another sweeper's jobs: what the score table has since then
@@ -110,7 +114,7 @@ def _context(config: DictConfig) -> HydraContext:
     from hydra._internal.callbacks import Callbacks
     from hydra.types import HydraContext
 
-    return HydraContext(config_loader=configs.loader(), callbacks=Callbacks(config))
+    return HydraContext(config_loader=hydra_configs.loader(), callbacks=Callbacks(config))
 
 
 def _run_single(command: Command, watch: Watch | None) -> Outcome:
@@ -118,10 +122,10 @@ def _run_single(command: Command, watch: Watch | None) -> Outcome:
     config = command.config
     _check_hydra(config)
     context = _context(config)
-    context.callbacks.on_run_start(config=config, config_name=configs.config_name())
+    context.callbacks.on_run_start(config=config, config_name=hydra_configs.config_name())
     outcome, returned = run_as_job(command, context, watch)
     context.callbacks.on_run_end(
-        config=config, config_name=configs.config_name(), job_return=returned
+        config=config, config_name=hydra_configs.config_name(), job_return=returned
     )
     return outcome
 

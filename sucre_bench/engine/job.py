@@ -213,11 +213,16 @@ def _stored_or_restored(
 
 @dataclass(frozen=True, eq=False)
 class _SceneColours:
-    """Colours (N, 1, 3) of a scene, by which all its views are shown; the views that have them; the hash of these."""
+    """Colours of a scene, by which all its views are shown."""
 
     colours: Array
+    """Shape (N, 1, 3)."""
+
     views: frozenset[str]
+    """Those that have these colours."""
+
     hash: str
+    """A hash of the names of these views."""
 
     @classmethod
     def of(cls, job: Job, method: Any, tasks: Sequence[Task]) -> _SceneColours:
@@ -225,7 +230,8 @@ class _SceneColours:
 
         A view that cannot be restored is left out; it gets its row when it is to be shown.
         """
-        colours, names = [np.zeros((0, 3), np.float32)], list[str]()
+        colours = [np.zeros((0, 3), np.float32)]
+        names = list[str]()
         for task in progress.track(tasks, "before showing"):
             try:
                 image = _stored_or_restored(

@@ -267,7 +267,8 @@ class Planned:
 @opening_once()
 def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
-    jobs, problems = command.jobs, list[str]()
+    jobs = command.jobs
+    problems = list[str]()
     unasked = (
         "",
         "off",
@@ -278,7 +279,8 @@ def check(command: Command) -> list[Planned]:
         require("tracking.uri", "mlflow")
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
-    study, known = jobs[0].study, {job.method.label for job in jobs}
+    study = jobs[0].study
+    known = {job.method.label for job in jobs}
     label = study.baseline if study else jobs[0].baseline
     # one that is a method, but not of this sweep, is left out
     if label and label not in known and not plugins.is_name("method", label):

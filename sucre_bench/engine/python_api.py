@@ -43,9 +43,6 @@ _SAME = {"scene", "method", "code", "data_id", "seconds", "peak_mb"}
 class Restored(Restoration):
     """The result of `restore`: a restoration, and the restored image that is made of it.
 
-    - display: name of the normalisation that makes the restored image;
-    - encoding: encoding of the view, "gamma" or "linear".
-
     >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> result = restore("stitching", scene, 0)
     >>> bool(np.nanmin(result.shown) >= 0 and np.nanmax(result.shown) <= 1)
@@ -53,7 +50,10 @@ class Restored(Restoration):
     """
 
     display: str = "none"
+    """Name of the normalisation that makes the restored image."""
+
     encoding: Encoding = "gamma"
+    """Of the view, "gamma" or "linear"."""
 
     @property
     def shown(self) -> Array:
@@ -176,9 +176,12 @@ def restore(
     """
     label = how = ""
     if isinstance(method, str):
-        method, options = method_choice(method, options), {}
+        method = method_choice(method, options)
+        options = {}
     if isinstance(method, Choice):
-        method, label, how = method.make(), method.label, method.display
+        label = method.label
+        how = method.display
+        method = method.make()
     if options:
         raise InputError(
             "options given beside a method object",

@@ -142,7 +142,8 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
     with progress.live(), opening_once():
         check_results_folder(command.jobs[0].out)
         watch.start(command.jobs[0])
-        planned, first = check(command), command.jobs[0]
+        planned = check(command)
+        first = command.jobs[0]
         _write_provenance(command, planned)
         watch.before(planned)
         interrupted = crashed = False
@@ -250,7 +251,8 @@ def _ends(
         todo = {id(task) for task in plan.todo}
         for task in plan.tasks:
             is_cached = id(task) not in todo
-            status, reason = missing, "did not finish"
+            status = missing
+            reason = "did not finish"
             # what became of the whole job, unless there is more of the view
             for name in (("", ""), (task.base.scene, task.view.name)):
                 state = states.get((*plan.labels, *name))

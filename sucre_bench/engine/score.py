@@ -40,17 +40,20 @@ from sucre_bench.scene import Restoration, Score, View
 
 @dataclass(frozen=True)
 class Scorer:
-    """A metric that is made once for all views of a job, a `Metric` or a `PairMetric`.
-
-    code: see `metric_code`; log: keeps tracebacks; limit_s: how long a score may take.
-    """
+    """A metric that is made once for all views of a job, a `Metric` or a `PairMetric`."""
 
     plugin: Plugin
     variants: tuple[str, ...]
     metric: Any
+
     code: str
+    """See `metric_code`."""
+
     log: Path | None = None
+    """Keeps tracebacks."""
+
     limit_s: float | None = None
+    """How long a score may take; None for no limit."""
 
     def scores(
         self, base: Row, on: str, score: Callable[..., Iterable[Score]], *scored: Any

@@ -85,7 +85,8 @@ def run_alone(name: str, function: Callable[[], None], n_workers: int) -> None:
                 wait([process.messages], _TICK_S)
                 process.receive()
                 progress.show("tick")
-            step, fault = process.step, _fault_of(process, name)
+            step = process.step
+            fault = _fault_of(process, name)
             process.stop()
             if fault is None:
                 return
@@ -244,7 +245,9 @@ class _Worker:
     """A worker process of a job. given: the views that it has; leaves_out: the steps at which others died."""
 
     def __init__(self, job: _Job) -> None:
-        self.job, self.given, self.leaves_out = job, list[int](), frozenset(job.faults)
+        self.job = job
+        self.given = list[int]()
+        self.leaves_out = frozenset(job.faults)
         self._is_ready = self._is_last = False
         self.process = Forked(partial(serve, job.planned), dict(job.faults))
 
@@ -253,7 +256,8 @@ class _Worker:
         job, process = self.job, self.process
         self._note(process.receive())
         if process.has_ended or process.is_late:
-            step, fault = process.step, _fault_of(process, job.planned.name)
+            step = process.step
+            fault = _fault_of(process, job.planned.name)
             self._note(process.stop())
             job.n_ready -= self._is_ready
             if fault and step in self.leaves_out:
@@ -285,13 +289,13 @@ def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
     workers, at_work = list[_Worker](), list[_Job]()
     try:
         while True:
-            while len(workers) < n_workers and (job := _next(jobs, workers)):
-                with job.giving_up():
-                    if job not in at_work:
-                        at_work.append(job)
-                        job.begin()
-                    if job.left:
-                        workers.append(_Worker(job))
+            while len(workers) < n_workers and (next_job := _next(jobs, workers)):
+                with next_job.giving_up():
+                    if next_job not in at_work:
+                        at_work.append(next_job)
+                        next_job.begin()
+                    if next_job.left:
+                        workers.append(_Worker(next_job))
             if not workers:
                 return
             wait([worker.process.messages for worker in workers], _TICK_S)

@@ -194,21 +194,26 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """One patch of a chart.
+    """One patch of a chart."""
 
-    name, number: as printed on the chart or in its data sheet, numbered from 1 row by row;
-    box: (x0, y0, x1, y1) in the chart's unit square; srgb: expected colour, [0, 1], gamma-encoded;
-    lab: expected colour, CIE Lab under D50; is_chromatic: false for grays;
-    measured: the colour of its measured reflectance, as srgb is given; None where nobody has measured it.
-    """
-
+    # As printed on the chart or in its data sheet. Numbers count from 1, row by row.
     name: str
     number: int
+
     box: Box
+    """(x0, y0, x1, y1) in the chart's unit square."""
+
     srgb: Triple
+    """Expected colour, in [0, 1], gamma-encoded."""
+
     lab: Triple
+    """Expected colour, CIE Lab under D50."""
+
     is_chromatic: bool
+    """False for grays."""
+
     measured: Triple | None = None
+    """The colour of its measured reflectance, as `srgb` is given; None where nobody has measured it."""
 
     @property
     def label(self) -> str:
@@ -224,10 +229,12 @@ def read_label(label: str) -> tuple[int, str]:
 
 @dataclass(frozen=True, slots=True)
 class ChartKind:
-    """A layout and its reference colours. width, height: of the frame, in any one unit (the aspect matters)."""
+    """A layout and its reference colours."""
 
     name: str
     patches: tuple[Patch, ...]
+
+    # Of the frame, in any one unit: only the aspect matters.
     width: float
     height: float
 

@@ -25,16 +25,18 @@ from sucre_bench.scene import Chart
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchReading:
-    """What an image shows of a patch.
-
-    rgb: (3,) float64 median over the inner half of the patch, in the image's encoding, NaN when no pixel has a colour;
-    n_pixels: pixels with a colour that it is made of; coverage: their share of all pixels there, 0 to 1.
-    """
+    """What an image shows of a patch."""
 
     patch: Patch
+
     rgb: Array
+    """Median over the inner half of the patch, (3,) float64, in the image's encoding; NaN if no pixel has a colour."""
+
     n_pixels: int
+    """Pixels with a colour, of which the median is taken."""
+
     coverage: float
+    """Their share of all pixels there, 0 to 1."""
 
 
 def measure(shown: Array, chart: Chart) -> list[PatchReading]:
@@ -142,13 +144,13 @@ _CLEARLY = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """How well patches fit.
-
-    explained: share of variance, 0 to 1, NaN where it is not known; turn: which corner, 0 to 3, should be the first.
-    """
+    """How well patches fit."""
 
     explained: float
+    """Share of variance, 0 to 1; NaN where it is not known."""
+
     turn: int
+    """Which corner, 0 to 3, should be the first."""
 
     @property
     def fault(self) -> str:

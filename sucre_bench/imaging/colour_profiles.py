@@ -51,13 +51,16 @@ _GRID = np.linspace(0, 1, 4097)
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """name: as the file has it; matrix: (3, 3), to linear light of sRGB's primaries; curves: (3, 4097) linear light of
-    equally spaced values from 0 to 1, in red, green and blue.
-    """
+    """The colour profile of an image file."""
 
     name: str
+    """As the file has it."""
+
     matrix: Array
+    """Leads to linear light of sRGB's primaries, (3, 3)."""
+
     curves: Array
+    """Linear light of equally spaced values from 0 to 1, in red, green and blue, (3, 4097)."""
 
     def to_srgb(self, image: Array, encoding: Encoding = "gamma") -> Array:
         """Return an image (H, W, 3), in the same encoding, as sRGB: float32, beyond [0, 1] what that cannot show."""
@@ -244,5 +247,8 @@ def _curve(tag: bytes) -> Array:
     given = _numbers(tag, 12, (1, 3, 4, 5, 7)[kind])
     g, a, b, c, d, e, f = map(float, [*given, *(1, 1, 0, 0, 0, 0, 0)[len(given) :]])
     if kind in (1, 2):
-        c, d, e, f = 0.0, -b / a, c, c
+        d = -b / a
+        e = c
+        f = c
+        c = 0.0
     return np.where(d <= _GRID, np.maximum(a * _GRID + b, 0) ** g + e, c * _GRID + f)

@@ -51,17 +51,19 @@ _KNOWN = (
 
 @dataclass(frozen=True)
 class Normalisation:
-    """What the name of a display normalisation says.
-
-    low, high: the percentiles that become 0 and 1; is_linear: whether it works in linear light; is_of_scene: whether
-    percentiles and means are those of all views of a scene.
-    """
+    """What the name of a display normalisation says."""
 
     kind: _Kind
+
+    # The percentiles that become 0 and 1.
     low: float
     high: float
+
     is_linear: bool
+    """Whether it works in linear light."""
+
     is_of_scene: bool
+    """Whether percentiles and means are those of all views of a scene."""
 
     @property
     def removes_offsets(self) -> bool:

@@ -50,7 +50,9 @@ def contact_sheet(
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    columns = 1 if len(pairs) <= 3 else 2 if len(pairs) <= 12 else 3
+    columns = 1
+    if len(pairs) > 3:
+        columns = 2 if len(pairs) <= 12 else 3
     high = max(picture.height for pair in pairs for picture in pair) + _TEXT + _GAP
     across = 2 * wide + 2 + _GAP
     sheet = Image.new(

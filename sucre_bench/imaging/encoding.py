@@ -51,13 +51,16 @@ Bytes = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EightBit:
-    """planes: (3, H, W) uint8, red, green, blue, 0 where no colour; valid: (H, W) where there is a colour;
-    n_valid: how many pixels have one.
-    """
+    """A picture of 8 bits."""
 
     planes: Bytes
+    """Red, green, blue, (3, H, W) uint8; 0 where there is no colour."""
+
     valid: Mask
+    """Where there is a colour, (H, W)."""
+
     n_valid: int
+    """How many pixels have a colour."""
 
     @property
     def is_whole(self) -> bool:
@@ -67,10 +70,13 @@ class EightBit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Palette:
-    """The colours of a picture. rgb: (U, 3) uint8, each once; counts: (U,) pixels of each."""
+    """The colours of a picture."""
 
     rgb: Bytes
+    """Each colour once, (U, 3) uint8."""
+
     counts: npt.NDArray[np.int64]
+    """Pixels of each colour, (U,)."""
 
 
 @once

@@ -321,16 +321,18 @@ def say_once_a_folder(path: Path, about: str, text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """What the header of an image file says.
-
-    size: (width, height) of the first picture; has_more: whether there are others, besides thumbnails and masks;
-    is_changed: whether OpenCV would change its colours, which have alpha or separate planes.
-    """
+    """What the header of an image file says."""
 
     size: Size
+    """Width and height of the first picture."""
+
     has_more: bool
+    """Whether there are other pictures, besides thumbnails and masks."""
+
     is_tiff: bool
+
     is_changed: bool
+    """Whether OpenCV would change its colours, which have alpha or separate planes."""
 
 
 def _header(file: IO[bytes]) -> _Header | None:

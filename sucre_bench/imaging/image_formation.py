@@ -129,11 +129,16 @@ class TwoTerm:
 
 @dataclass(frozen=True, slots=True)
 class ChannelWater:
-    """One channel's water: light B; gamma, 1/m; beta(z), 1/m."""
+    """One channel's water."""
 
     B: float
+    """The veiling light."""
+
     gamma: float
+    """Coefficient of its backscatter, 1/m."""
+
     beta: TwoTerm
+    """Attenuation over distance, beta(z), 1/m."""
 
     def veil(self, z: Array) -> Array:
         """Return B (1 - exp(-gamma z)) at distances z (P,) in metres."""

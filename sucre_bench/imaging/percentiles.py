@@ -97,10 +97,13 @@ Counts = npt.NDArray[np.integer[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ValueCounts:
-    """Numbers in ascending order. values: (V,) float64, ascending; upto: (V,) how many numbers are no greater."""
+    """Numbers in ascending order."""
 
     values: Array
+    """Ascending, (V,) float64."""
+
     upto: Counts
+    """How many numbers are no greater, (V,)."""
 
     @classmethod
     def of(cls, values: AnyArray, counts: Counts) -> ValueCounts:

@@ -21,24 +21,27 @@ Change = Literal["y", "range2", "minmax"]
 
 @dataclass(frozen=True, slots=True)
 class Resizing:
-    """side: of the square, pixels; by: see `resized`."""
+    """The square that pictures are resized to."""
 
     side: int
+    """In pixels."""
+
     by: Filter = "bicubic"
+    """See `resized`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """Changes of the pictures before they are scored, in this order.
-
-    crop: pixels that are left out at each edge; change: "y": Y of YCbCr, 16 to 235 of 255, in place of the colours;
-    "range2": half of the values, as if white were 2; "minmax": the restored picture, less its least value, over its
-    range, as torchvision's normalize.
-    """
+    """Changes of the pictures before they are scored, in this order."""
 
     resizing: Resizing | None = None
+
     crop: int = 0
+    """Pixels that are left out at each edge."""
+
     change: Change | None = None
+    """What takes the place of the colours. "y": Y of YCbCr, 16 to 235 of 255; "range2": half of the values, as if white
+    were 2; "minmax": the restored picture, less its least value, over its range, as torchvision's normalize."""
 
 
 def split_variant(variant: str) -> tuple[str, Form | None]:

@@ -55,27 +55,31 @@ _SAMPLE = 1 << 14
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seams:
-    """The picture as it was looked at, (h, w), at most 512 pixels long.
-
-    excess: (h, w) float32, the largest |u| of any direction and channel (where |d S| is less, that), NaN where none
-    was looked at; is_seam: (h, w) bool; picture: (h, w, 3) float32, brought to [0, 1], NaN where it has holes.
-    """
+    """The picture as it was looked at, (h, w), at most 512 pixels long."""
 
     excess: Array
+    """The largest |u| of any direction and channel (where |d S| is less, that), (h, w) float32; NaN where none was
+    looked at."""
+
     is_seam: Mask
+    """Shape (h, w), bool."""
+
     picture: Array
+    """Brought to [0, 1], (h, w, 3) float32; NaN where it has holes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Steps:
-    """Steps across one direction, at the places looked at.
-
-    at: (M,) flat indices into the picture; d: (M, 7) steps of S, I and s; I: (M, 3) between the strips.
-    """
+    """Steps across one direction, at the places looked at."""
 
     at: npt.NDArray[np.int64]
+    """Flat indices into the picture, (M,)."""
+
     d: Array
+    """Steps of S, I and s, (M, 7)."""
+
     I: Array
+    """Between the strips, (M, 3)."""
 
     @property
     def terms(self) -> Array:

@@ -50,29 +50,34 @@ _RED_HUE_DEG = 15
 
 @dataclass(frozen=True)
 class VisibleFault:
-    """A fault of a picture. kind: a key of `LIMITS`; value: above the limit."""
+    """A fault of a picture."""
 
     kind: str
+    """A key of `LIMITS`."""
+
     value: float
+    """Above the limit."""
+
     limit: float
 
 
 @dataclass(frozen=True)
 class Look:
-    """One picture beside its photograph in numbers, NaN where one is not known.
+    """One picture beside its photograph in numbers, NaN where one is not known."""
 
-    cast, red, rims, flat, below: see `LIMITS`; light, was_light: a* and b* of the brightest ground, in the picture and
-    in the photograph.
-    """
-
+    # See `LIMITS`.
     cast: float = math.nan
     red: float = math.nan
     rims: float = math.nan
     flat: float = math.nan
     below: float = math.nan
+
+    # The a* and b* of the brightest ground, in the picture and in the photograph.
     light: tuple[float, float] = (math.nan, math.nan)
     was_light: tuple[float, float] = (math.nan, math.nan)
-    hue_deg: float = math.nan  # of the third with the strongest cast, in CIE Lab
+
+    hue_deg: float = math.nan
+    """Of the third of the ground with the strongest cast, in CIE Lab."""
 
 
 def look_at(

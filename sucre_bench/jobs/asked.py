@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.catalogue import (
     is_path,
     named,
@@ -21,7 +21,7 @@ from sucre_bench.jobs.catalogue import (
     recognised,
 )
 from sucre_bench.jobs.run_options import RunConfig
-from sucre_bench.jobs.words import Word, parse, value_of
+from sucre_bench.jobs.word_syntax import Word, parse, value_of
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import options_of
@@ -95,34 +95,39 @@ def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
 class Asked:
     """What the words of a command say.
 
-    words: with ~ expanded; typed: those that set something; of_hydra: overrides that Hydra composes with, the same for
-    all jobs: of itself and of groups of configs; experiment: as the user named it, a file or a name, empty for none;
-    config: what the jobs of a sweep share, None for a single job.
-
     What the words choose is looked up when asked for. Raises InputError then for a name that there is not, and for a
     list that cannot be read.
     """
 
     words: tuple[str, ...]
+    """Of the command, with ~ expanded."""
+
     typed: tuple[Word, ...]
+    """Those that set something."""
+
     of_hydra: tuple[str, ...]
+    """Overrides that Hydra composes with, the same for all jobs: of itself and of groups of configs."""
+
     experiment: str
+    """As the user named it, a file or a name; empty for none."""
+
     config: DictConfig | None
+    """What the jobs of a sweep share; None for a single job."""
 
     def sweeper(self, key: str) -> Any:
         """Return a list or mapping of the sweeper, `hydra.sweeper.methods` say."""
         if self.config is None:
             return ()
-        return configs.selected(self.config, f"hydra.sweeper.{key}") or ()
+        return hydra_configs.selected(self.config, f"hydra.sweeper.{key}") or ()
 
     def choice(self, group: str) -> str:
         """Return what Hydra chooses of a group where no word does."""
         if self.config is None:
-            choices = configs.choices()
+            choices = hydra_configs.choices()
         else:
             choices = self.config.hydra.runtime.choices
         if group not in choices:
-            fault = f"the configuration '{configs.config_name()}' chooses no {group}"
+            fault = f"the configuration '{hydra_configs.config_name()}' chooses no {group}"
             raise InputError(fault, "--config-name", "begin its defaults list with `config`")
         return str(choices[group])
 
@@ -298,7 +303,8 @@ def _listed(kind: Kind, given: Any) -> Entry:
 
 def _required(kind: Kind, name: str) -> list[str]:
     """The options that must be given for a plugin or preset of this name."""
-    plugin, preset = plugin_of(kind, name), preset_of(kind, name) or {}
+    plugin = plugin_of(kind, name)
+    preset = preset_of(kind, name) or {}
     options = options_of(plugin.cls) if plugin else ()
     return [o.name for o in options if o.is_required and o.name not in preset]
 

@@ -13,9 +13,9 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, MissingFileError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.run_options import check_group
-from sucre_bench.jobs.words import quoted
+from sucre_bench.jobs.word_syntax import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import frames_of
@@ -43,7 +43,7 @@ SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
 
 def preset_of(kind: Kind, name: str) -> dict[str, Any] | None:
     """Return the options of a preset, a file of conf/ or of the user; None where a plugin or nothing has the name."""
-    return configs.preset(GROUPS[kind], name) if not plugins.is_name(kind, name) else None
+    return hydra_configs.preset(GROUPS[kind], name) if not plugins.is_name(kind, name) else None
 
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
@@ -59,14 +59,16 @@ def named(kind: Kind, name: str) -> Plugin:
 
     Raises InputError with the nearest name, or PluginError with the reason why it cannot be used.
     """
-    if plugin := plugin_of(kind, name):
+    plugin = plugin_of(kind, name)
+    if plugin:
         return plugin
     if plugins.is_name(kind, name):
         return plugins.find(kind, name)  # raises with the reason
     if not name:  # a variable that is not set, say
         raise InputError("is empty", kind, f"give a name that `sucre-bench list {kind}s` shows")
     if Path(name).suffix in (".yaml", ".yml"):
-        group, stem = GROUPS[kind], Path(name).stem
+        group = GROUPS[kind]
+        stem = Path(name).stem
         remedy = f"put the file into MINE/{group}/ and write --config-dir MINE {group}={stem}"
         raise InputError(f"no {kind} is called '{name}'", remedy=remedy)
     if kind == "dataset" and Path(name).exists():
@@ -79,7 +81,7 @@ def named(kind: Kind, name: str) -> Plugin:
             fault = f"'{name}' is a class of this session, and has no name outside it"
             raise InputError(fault, remedy=f"pass an object: {plugin.cls.__name__}(...)")
     raise plugins.unknown(
-        kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])}
+        kind, name, {*plugins.discover(kind), *hydra_configs.preset_names(GROUPS[kind])}
     )
 
 
@@ -98,7 +100,8 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     """
     root = {}
     if kind == "dataset" and is_path(name):
-        name, root = recognised(Path(name)), {"root": name}
+        root = {"root": name}
+        name = recognised(Path(name))
     name, _, variant = name.partition(":") if kind == "metric" else (name, "", "")
     plugin = plugins.find(kind, name)
     added = dict.fromkeys(_ADDED[kind])
@@ -177,7 +180,8 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
         choice = plugin_choice(
             "metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]}
         )
-        plugin, variants = choice.plugin, []
+        plugin = choice.plugin
+        variants = []
         wanted = given.get("named", ()) if given["variants"] is None else given["variants"]
         words = [wanted] if isinstance(wanted, str) else wanted
         if not isinstance(words, Iterable):
@@ -251,7 +255,8 @@ def _fitting(folder: Path) -> dict[str, Path]:
 
     Those with poses go before single images, which lie in many folders.
     """
-    known, signs = plugins.usable("dataset"), {}
+    known = plugins.usable("dataset")
+    signs = {}
     for plugin in known.values():
         there = (path for sign in plugin.signs for path in sorted(folder.glob(sign)))
         if (path := next(there, None)) is not None:
@@ -314,7 +319,7 @@ def preset_entries(group: str) -> list[dict[str, Any]]:
     """Return name and description of each file of a folder of conf/, "experiment" say."""
     return [
         {"name": name, "description": text}
-        for name, text in configs.descriptions(group).items()
+        for name, text in hydra_configs.descriptions(group).items()
     ]
 
 

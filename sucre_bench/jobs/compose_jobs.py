@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.asked import KINDS, Asked, Entry
 from sucre_bench.jobs.catalogue import SEED
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.read_words import read, reading_experiment
-from sucre_bench.jobs.words import Word, first_line, literal, quoted, value_of
+from sucre_bench.jobs.word_syntax import Word, first_line, literal, quoted, value_of
 from sucre_bench.results.layout import as_one_file
 from sucre_bench.results.rows import fingerprint
 
@@ -69,18 +69,18 @@ def command_of(asked: Asked) -> Command:
     """
     with _faults(asked):
         if asked.config is None:
-            config = configs.composed(lines_of(asked))
+            config = hydra_configs.composed(lines_of(asked))
             words: dict[str, str] = {kind: asked.chosen[kind][0].word for kind in KINDS}
             return Command((job_of(config, (), words),), config, asked.words)
 
         @functools.cache
         def start(*choices: str) -> dict[str, Any]:
-            return configs.plain(configs.composed([*asked.of_hydra, *choices]))
+            return hydra_configs.plain(hydra_configs.composed([*asked.of_hydra, *choices]))
 
         settings = [word for word in asked.params if not asked.is_replaced(word)]
         settings += asked.typed
         made = list[tuple[Job, tuple[str, ...]]]()
-        with configs.current(asked.config):
+        with hydra_configs.current(asked.config):
             for pair in itertools.product(*asked.chosen.values()):
                 made += _of_pair(pair, _settings(asked, settings, pair), asked.of_hydra, start)
     every = [job for job, _ in made]
@@ -136,8 +136,8 @@ def job_of(
 
     Raises InputError for an option that is unknown, and for a value that is not acceptable.
     """
-    with configs.current(config) if "hydra" in config else contextlib.nullcontext():
-        return Job.of(_filled(configs.plain(config)), swept, words)
+    with hydra_configs.current(config) if "hydra" in config else contextlib.nullcontext():
+        return Job.of(_filled(hydra_configs.plain(config)), swept, words)
 
 
 @contextlib.contextmanager

@@ -13,8 +13,9 @@ from typing import Any
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.asked import KINDS
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.rerun import given, undegraded_label
 from sucre_bench.jobs.run_options import RunConfig
-from sucre_bench.jobs.words import given, literal, undegraded_label, value_of
+from sucre_bench.jobs.word_syntax import literal, value_of
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import plain_value
@@ -31,7 +32,8 @@ def record_experiment(jobs: Sequence[Job]) -> None:
     """
     import yaml
 
-    first, out = jobs[0], jobs[0].out
+    first = jobs[0]
+    out = first.out
     try:
         content = read_recorded(out)
     except InputError:

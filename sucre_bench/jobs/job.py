@@ -26,18 +26,18 @@ from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed
 
 @dataclass(frozen=True, kw_only=True)
 class Job(RunConfig):
-    """The keys of a run for one dataset, one method and some metrics: what one job does.
-
-    values: all of this as plain data; shared_pairs: the folder where the jobs of its command share pairs, empty if they
-    share none.
-    """
+    """The keys of a run for one dataset, one method and some metrics: what one job does."""
 
     dataset: Choice
     method: Choice
     metrics: tuple[Choice, ...]
     views: tuple[str, ...] | None
+
     values: Mapping[str, Any]
+    """The whole configuration as plain data."""
+
     shared_pairs: str = ""
+    """The folder where the jobs of its command share pairs; empty if they share none."""
 
     @property
     def drawn(self) -> Degradation:
@@ -98,7 +98,8 @@ def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
 
     A label with {OPTION} in it has that value there instead: "gain {strength}". InputError for an unknown option.
     """
-    options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
+    options = {**choice.options, "display": choice.display}
+    kind = choice.plugin.kind
     texts = {
         name: str(v.name if isinstance(v, Path) else plain_value(v))
         for name, v in options.items()

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins
 from sucre_bench.arguments import fits
 from sucre_bench.errors import InputError, SucreBenchError, in_one_line
-from sucre_bench.jobs import configs
+from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.asked import KINDS, Asked
 from sucre_bench.jobs.catalogue import GROUPS, plugin_of
 from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
-from sucre_bench.jobs.words import QUOTED, Word, parse, quoted
+from sucre_bench.jobs.word_syntax import QUOTED, Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
 from sucre_bench.plugins.options import options_of
 
@@ -44,8 +44,10 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
                     file,
                     "give an experiment, `sucre-bench list experiments` shows those by name",
                 )
-            block.enter_context(configs.searching(f"experiment://{expanded(file).resolve()}"))
-        block.enter_context(configs.searching(*_search_path(words)))
+            block.enter_context(
+                hydra_configs.searching(f"experiment://{expanded(file).resolve()}")
+            )
+        block.enter_context(hydra_configs.searching(*_search_path(words)))
         yield words
 
 
@@ -86,11 +88,11 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
         if is_bare(word) and word not in files:
             raise bare_word(word, [word for word in words if word not in files])
     lines = [f"experiment={FILE}" if word in files else word for word in words]
-    typed = parse(lines, configs.loader())
+    typed = parse(lines, hydra_configs.loader())
     _load(value for word in typed if word.key == "plugins" for value in word.values)
     groups = [word for word in typed if _is_of_hydra(word)]
     for one in groups:
-        known = configs.loader().get_group_options(one.key) if None in one.values else []
+        known = hydra_configs.loader().get_group_options(one.key) if None in one.values else []
         if known:
             raise InputError("is no choice", one.text, f"give one of {', '.join(known)}")
     experiments = [word for word in groups if word.key == "experiment"]
@@ -108,7 +110,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     has_mode = any(word.key == "hydra.mode" for word in groups)
     if config is None and (multirun or experiment or has_mode):
         try:
-            config = configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
+            config = hydra_configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
         mode, sweeper = config.hydra.mode, config.hydra.sweeper
@@ -116,7 +118,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
         if not (multirun or (mode.name == "MULTIRUN" if mode else is_listed)):
             config = None
     if config is not None:
-        _load(configs.selected(config, "plugins") or ())
+        _load(hydra_configs.selected(config, "plugins") or ())
     asked = Asked(tuple(words), tuple(rest), of_hydra, experiment, config)
     _refuse(asked)
     return asked
@@ -137,7 +139,7 @@ def _is_of_hydra(word: Word) -> bool:
     if "/" in word.key or "@" in word.key or word.head == "hydra":
         return True
     is_ours = word.key in (*KINDS, "metrics") or "." in word.key
-    return not is_ours and bool(configs.loader().repository.group_exists(word.key))
+    return not is_ours and bool(hydra_configs.loader().repository.group_exists(word.key))
 
 
 def _load(values: Iterable[Any]) -> None:
@@ -159,7 +161,8 @@ def _refuse(asked: Asked) -> None:
         paths = {o.name for o in options_of(plugin.cls) if Path in o.kinds}
     has_dataset = any(word.key == "dataset" for word in asked.typed)
     for word in asked.typed:
-        key, value = word.key, word.text.partition("=")[2]
+        key = word.key
+        value = word.text.partition("=")[2]
         quotes = f'"{key}={quoted(value)}"'
         if word.is_glob and not word.values:
             raise InputError(
@@ -217,16 +220,17 @@ def bare_word(word: str, words: Sequence[str]) -> InputError:
         return InputError(
             "has no value", word, f"an override reads key=value, write {word}=VALUE"
         )
-    keys = dict.fromkeys(configs.preset_names("experiment"), "experiment")
+    keys = dict.fromkeys(hydra_configs.preset_names("experiment"), "experiment")
     for kind, key in GROUPS.items():
-        presets = configs.preset_names(key) if kind != "metric" else []
+        presets = hydra_configs.preset_names(key) if kind != "metric" else []
         keys |= dict.fromkeys([*plugins.discover(kind), *presets], key)
     keyed: dict[str, list[str]] = {}
     for name in filter(is_bare, words):
         near = next(iter(difflib.get_close_matches(name, keys, n=1, cutoff=0.7)), "")
         key = keys.get(near, "")
         if near != name and expanded(name).is_dir():
-            key, near = "dataset", quoted(name if "/" in name else f"./{name}")
+            key = "dataset"
+            near = quoted(name if "/" in name else f"./{name}")
         keyed.setdefault(key, []).append(near)
     if "" in keyed:
         remedy = "`sucre-bench list methods` and `list datasets` show the names"

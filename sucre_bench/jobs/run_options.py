@@ -57,24 +57,34 @@ FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 @dataclass(frozen=True)
 class Study:
-    """What is made of the rows of a sweep.
-
-    name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
-    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; axis: what figures call
-    it, with its unit, its name when empty; baseline: the method that the others are measured against, the best when
-    empty; figures: functions in `reports.paper`; spread: tables show standard deviations too; svg: figures are
-    written as .svg too; by: "view" or "region" adds a table for each.
-    """
+    """What is made of the rows of a sweep."""
 
     name: str = ""
+    """Of its files."""
+
     metrics: tuple[str, ...] = ()
+    """As "name" or "name:variant", in the order of the table's columns; all when empty."""
+
     along: str = ""
+    """The option whose values the study follows: "degrade.NAME", "dataset.NAME" or "method.NAME"."""
+
     axis: str = ""
+    """What figures call that option, with its unit; the option's name when empty."""
+
     baseline: str = ""
+    """The method that the others are measured against; the best when empty."""
+
     figures: tuple[str, ...] = ()
+    """Names of functions in `reports.paper`."""
+
     spread: bool = False
+    """Whether tables show standard deviations too."""
+
     svg: bool = False
+    """Whether figures are written as .svg too."""
+
     by: By = "method"
+    """With "view" or "region", a table for each is added."""
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:

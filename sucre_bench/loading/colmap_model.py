@@ -79,15 +79,18 @@ _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A registered image: its name, its camera at the model's size, cam_from_world (4, 4) float64.
-
-    lens: of the stored image, if that is distorted; camera is then that of the undistorted image.
-    """
+    """A registered image."""
 
     name: str
+
     camera: Camera
+    """At the model's size. If the stored image is distorted, it is that of the undistorted image."""
+
     cam_from_world: Array
+    """Shape (4, 4), float64."""
+
     lens: Lens | None = None
+    """Of the stored image, if that is distorted."""
 
 
 # A row of either file, before it is checked.
@@ -388,7 +391,8 @@ def registered_scene(
     Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view. If more
     than 100 images are missing, only the first of them is a view, whose fault says how many are.
     """
-    wrong = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
+    faults = {name: fault_of(path) for name, path in paths.items()}
+    wrong = {name: fault for name, fault in faults.items() if fault}
     of = f"of the model's {len(paths)} images"
     if len(wrong) == len(paths):
         raise MissingFileError(

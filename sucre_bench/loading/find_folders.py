@@ -52,7 +52,7 @@ def check_chosen(
             if places[0].exists()
             else (MissingFileError, f"no such {kind}")
         )
-        others = f", in none of {len(places)} folders" * (len(places) > 1)
+        others = f", in none of {len(places)} folders" if len(places) > 1 else ""
         raise error(f"{fault}{others}", places[0], f"correct or drop dataset.{option}={given}")
 
 

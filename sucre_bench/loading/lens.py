@@ -35,15 +35,15 @@ _AT_A_TIME = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A distorted camera.
-
-    camera: K and size of the distorted image, pixel centres at +0.5; coefficients: of the model's distortion, in
-    OpenCV's order, trailing zeros left out, none for a camera that does not distort.
-    """
+    """A distorted camera."""
 
     camera: Camera
+    """K and size of the distorted image, pixel centres at +0.5."""
+
     model: Model = "perspective"
+
     coefficients: tuple[float, ...] = ()
+    """Of the model's distortion, in OpenCV's order, trailing zeros left out; none for a camera without distortion."""
 
     @property
     def identity(self) -> tuple[object, ...]:

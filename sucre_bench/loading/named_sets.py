@@ -50,10 +50,13 @@ class IncompleteSetError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """What a picture is known by. bits: 32 bytes; colour: the mean R, G, B in 0 to 255."""
+    """What a picture is known by."""
 
     bits: bytes
+    """Is 32 bytes long."""
+
     colour: bytes
+    """The mean R, G, B in 0 to 255."""
 
     def __str__(self) -> str:
         return (self.bits + self.colour).hex()
@@ -78,11 +81,15 @@ def print_of(image: AnyArray) -> Print:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A picture of a set. size: (width, height) as published; image, reference: prints, None where not public."""
+    """A picture of a set."""
 
     name: str
     other_names: tuple[str, ...]
+
     size: Size | None
+    """Width and height as published."""
+
+    # The prints of both, None where not public.
     image: Print | None
     reference: Print | None
 
@@ -94,14 +101,22 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class NamedSet:
-    """A test set. about: a sentence on it; of: the dataset that it is a part of; used_by: methods tested on it."""
+    """A test set."""
 
     name: str
+
     about: str
+    """A sentence on it."""
+
     of: str
+    """The dataset that it is a part of."""
+
     source: str
     licence: str
+
     used_by: str
+    """Methods tested on it."""
+
     members: tuple[Member, ...]
 
     def as_object(self) -> dict[str, Any]:
@@ -198,31 +213,44 @@ def set_table(name: str, members: Iterable[Member]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture that may be of a set. size: (width, height); print: None if it cannot be read."""
+    """A picture that may be of a set."""
 
     size: Size
+    """Width and height."""
+
     print: Print | None
+    """None if the picture cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The pictures of a folder that are of a set.
-
-    pictures: how many the folder has; members: those of the set, by the picture's name; by_name: pictures without a
-    public print, known by their name alone; changed: pictures that were restored, cropped or otherwise changed;
-    twice: pictures whose member another picture is; others: pictures of no member; missing: members without a picture;
-    resized: the pictures' sizes, if none is as published.
-    """
+    """The pictures of a folder that are of a set."""
 
     of: NamedSet
+
     pictures: int
+    """How many the folder has."""
+
     members: Mapping[str, Member]
+    """Those of the set, by the picture's name."""
+
     by_name: tuple[str, ...]
+    """Pictures without a public print, known by their name alone."""
+
     changed: tuple[str, ...]
+    """Pictures that were restored, cropped or otherwise changed."""
+
     twice: tuple[str, ...]
+    """Pictures whose member another picture is."""
+
     others: tuple[str, ...]
+    """Pictures of no member."""
+
     missing: tuple[str, ...]
+    """Members without a picture."""
+
     resized: tuple[str, ...]
+    """The pictures' sizes, if none is as published."""
 
     @property
     def is_whole(self) -> bool:

@@ -42,22 +42,31 @@ from sucre_bench.scene import Chart, Encoding, Plane, Scene, View
 class Files:
     """A view's pixels, in files that are decoded on demand.
 
-    size: (width, height) in pixels of every plane; read_depth: returns planar metres (H, W), 0 = unknown, at any scale
-    of the image's size; lens: of the stored image and reference, which are then undistorted; depth maps are of the
-    undistorted image; depth_lens: the lens of the depth map, if it is not the view's camera; read_image: reads the
-    image, like `read_rgb`; fault: of the image. A known fault, also one in place of a file, is raised when the plane is
-    used, so that other views continue.
+    A known fault, also one in place of a file, is raised when the plane is used, so that other views continue.
     """
 
     image: Path
+
     size: Size
+    """Width and height of every plane, pixels."""
+
     depth: Found = None
     reference: Found = None
+
     read_depth: Callable[[Path], Array] = read_depth
+    """Returns planar metres (H, W), 0 = unknown, at any scale of the image's size."""
+
     lens: Lens | None = None
+    """Of the stored image and reference, which are then undistorted. Depth maps are of the undistorted image."""
+
     depth_lens: Lens | None = None
+    """The lens of the depth map, if it is not the view's camera."""
+
     read_image: Callable[[Path, Size | None], Array] = read_rgb
+    """Reads the image, like `read_rgb`."""
+
     fault: str = ""
+    """Of the image."""
 
     @property
     def is_jpeg(self) -> bool:
@@ -119,27 +128,44 @@ def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:
 class Photograph:
     """An image file with lens, pose, depth map, reference and charts.
 
-    lens: at the size its program states, None if unknown; cam_from_world: (4, 4) float64, metres, None if unknown;
-    depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera of the depth map, with the
-    same optical axis, None if that is the undistorted camera; reference: the image without water, and charts, with
-    corners in pixels: both of the stored image; charts_file: for messages; size: (width, height) of the stored image,
-    None if its header is not read yet; read_image: see `Files`; fault: of the image. A str in place of a file says why
-    it cannot be used.
+    A str in place of a file says why it cannot be used.
     """
 
     name: str
     image: Path
+
     lens: Lens | None = None
+    """At the size its program states; None if unknown."""
+
     cam_from_world: Array | None = None
+    """Shape (4, 4), float64, metres; None if unknown."""
+
     depth: Found = None
+    """Its depth map."""
+
     read_depth: Callable[[Path], Array] = read_depth
+    """Turns the depth map into planar metres."""
+
     depth_lens: Lens | None = None
+    """The camera of the depth map, with the same optical axis; None if that is the undistorted camera."""
+
     reference: Found = None
+    """The image without water, distorted like the stored image."""
+
     charts: Sequence[Chart] = ()
+    """With corners in pixels of the stored image."""
+
     charts_file: Path | None = None
+    """For messages."""
+
     size: Size | None = None
+    """Width and height of the stored image; None if its header is not read yet."""
+
     read_image: Callable[[Path, Size | None], Array] = read_rgb
+    """See `Files`."""
+
     fault: str = ""
+    """Of the image."""
 
 
 def view_of(
@@ -310,9 +336,8 @@ def fingerprint(path: Path) -> bytes:
 class ImageScaleOption:
     """The option of datasets that can shrink their images. Raises InputError if an option is out of its range."""
 
-    ranges: ClassVar[
-        Mapping[str, str]
-    ] = {}  # of other options; one whose default is none may be none
+    ranges: ClassVar[Mapping[str, str]] = {}
+    """Of other options; one whose default is none may be none."""
 
     image_scale: float = 1.0
     """Shrink images by this factor, above 0 up to 1; with them depth maps, references, cameras and chart corners."""
@@ -334,12 +359,15 @@ _ROWS = 128  # of an image, compared at once
 class SharedPixels:
     """Decoded files, which a store holds while one is in use (`machine.cache.storing`).
 
-    files: what is decoded; key: of the view in the store, the same for the same data and code. Images whose values are
-    the levels of 8 bits are stored as these, a quarter of the size. What `load` returns is equal to the last bit.
+    Images whose values are the levels of 8 bits are stored as these, a quarter of the size. What `load` returns is
+    equal to the last bit.
     """
 
     files: Files
+    """What is decoded."""
+
     key: str
+    """Of the view in the store, the same for the same data and code."""
 
     @property
     def is_jpeg(self) -> bool:

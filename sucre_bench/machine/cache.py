@@ -124,14 +124,16 @@ _N_LOCKS = 64
 
 @dataclass(frozen=True)
 class ArrayStore:
-    """A folder of arrays. most_bytes: what its files may fill together.
+    """A folder of arrays.
 
     When it is full, the files that were used longest ago are removed; whoever has mapped one keeps it. Where the disk
     fails, arrays are made again.
     """
 
     folder: Path
+
     most_bytes: float
+    """What its files may fill together."""
 
     def get(self, key: str, make: Callable[[], Values]) -> Values:
         """Return the array of a key, read-only and mapped from its file; made, and stored, where there is none."""

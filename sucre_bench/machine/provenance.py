@@ -44,14 +44,16 @@ _OF_DEVELOPERS = ("dev", "docs")  # extras
 
 @dataclass(frozen=True)
 class Absent:
-    """Packages that are missing or too old.
-
-    fault: which, and why; install: the command that mends it; is_extra: whether all are of extras, which not all need.
-    """
+    """Packages that are missing or too old."""
 
     fault: str
+    """Which, and why."""
+
     install: str
+    """The command that mends it."""
+
     is_extra: bool
+    """Whether all are of extras, which not everybody needs."""
 
     def __str__(self) -> str:
         return f"{self.fault}; {self.install}"

@@ -60,14 +60,14 @@ def surface_of(view: View) -> Surface | None:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two views, by their places in the scene, that may see the same points.
+    """Two views that may see the same points."""
 
-    are_neighbours: whether one of them overlaps more with the other than with all but one of the views.
-    """
-
+    # Places of the views in the scene.
     first: int
     second: int
+
     are_neighbours: bool
+    """Whether one of them overlaps more with the other than with all but one of the views."""
 
 
 class SharedPoints:

@@ -163,19 +163,25 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Landing:
-    """Where M points of a target lie in a view.
-
-    places: (M,) int indices of the points; at: (M, 2) x, y in pixels; depth: (M,) metres, planar; to_view: (M, 2, 2),
-    A, steps in the view over steps in the target; slope: (M, 2) metres of depth a pixel of the view, on the plane.
-    """
+    """Where M points of a target lie in a view."""
 
     view: View
     matches: Matches
+
     places: Indices
+    """Indices of the points, (M,) int."""
+
     at: Array
+    """Pixel coordinates x, y, (M, 2)."""
+
     depth: Array
+    """In metres, planar, (M,)."""
+
     to_view: Array
+    """A, the steps in the view over steps in the target, (M, 2, 2)."""
+
     slope: Array
+    """Metres of depth a pixel of the view, on the plane, (M, 2)."""
 
     def only(self, which: Mask) -> _Landing:
         fields = {

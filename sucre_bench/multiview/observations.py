@@ -26,36 +26,49 @@ from sucre_bench.machine.compute import compiled, usable_cores
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
-    """P pixels of a target, N observations of them in V views.
-
-    shape: (H, W) of the target; views: names of the views, in the scene's order, those without a pair left out;
-    pixels: (P,) int64 flat indices into the target, by falling count, equal counts by rising index;
-    counts: (P,) int32, at least 1;
-    starts: (S + 1,) int64, slot k is elements starts[k] to starts[k + 1], one for each of the first pixels;
-    distance: (N,) float32 metres from the observing camera;
-    colour: (3, N) uint8 or uint16, full scale being 1, if all images have so few bits, else float32 in [0, 1];
-    weight: (N,) float32 of each observation's squared residual, or (3, N) for each channel; None for 1;
-    view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
-    ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
-    unreadable: the fault of each view that may see the target but has a file that cannot be read;
-    read_s: seconds spent reading files, summed over threads; pair_s: seconds in all;
-    stacked: how many targets lie one below the other, see `pooled`.
-    """
+    """P pixels of a target, N observations of them in V views."""
 
     shape: tuple[int, int]
+    """(H, W) of the target."""
+
     views: tuple[str, ...]
+    """Names of the views, in the scene's order, those without a pair left out."""
+
     pixels: Indices
+    """Flat indices into the target, (P,) int64, by falling count, equal counts by rising index."""
+
     counts: Indices
+    """How many observations each pixel has, (P,) int32, at least 1."""
+
     starts: Indices
+    """Shape (S + 1,), int64. Slot k is elements starts[k] to starts[k + 1], one for each of the first pixels."""
+
     distance: Array
+    """In metres, from the observing camera, (N,) float32."""
+
     colour: npt.NDArray[Any]
+    """Shape (3, N). It is uint8 or uint16, full scale being 1, if all images have so few bits; else float32, [0, 1]."""
+
     weight: Array | None = None
+    """Of each observation's squared residual, (N,) float32, or (3, N) for each channel; None for 1."""
+
     view: Indices | None = None
+    """Indices into `views`, (N,) uint16, rising over a pixel's slots; None unless asked for."""
+
     ray: Array | None = None
+    """The x / z and y / z of the point in the observing camera's frame, (2, N) float32; None unless asked for."""
+
     unreadable: tuple[str, ...] = ()
+    """The fault of each view that may see the target but has a file that cannot be read."""
+
     read_s: float = 0.0
+    """Seconds spent reading files, summed over threads."""
+
     pair_s: float = 0.0
+    """Seconds in all."""
+
     stacked: int = 1
+    """How many targets lie one below the other, see `pooled`."""
 
     def __len__(self) -> int:
         """N."""
@@ -210,18 +223,22 @@ def _full_scale(dtype: np.dtype[Any]) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """The observations of a target in one view.
-
-    name: the view's; pixels: (M,) int flat indices into the target, each at most once;
-    distance: (M,) float32 metres; colour: (M, 3) uint8, uint16, or float32 in [0, 1];
-    ray: (2, M) float32, see Observations.
-    """
+    """The observations of a target in one view."""
 
     name: str
+    """The view's."""
+
     pixels: Indices
+    """Flat indices into the target, (M,) int, each at most once."""
+
     distance: Array
+    """In metres, (M,) float32."""
+
     colour: npt.NDArray[Any]
+    """Shape (M, 3); uint8, uint16, or float32 in [0, 1]."""
+
     ray: Array | None = None
+    """See `Observations`, (2, M) float32."""
 
 
 def compact(colour: Array) -> npt.NDArray[Any]:

@@ -197,8 +197,12 @@ class _Held:
 
     target: str
     with_view: bool
-    n_visible: int  # of all views' pixels
-    parts: int = 0  # bytes
+
+    n_visible: int
+    """The most observations that all views together may give."""
+
+    # Bytes of the views' observations until now, and of the result that is made of them.
+    parts: int = 0
     result: int = 0
 
     def add(self, one: Seen, n_tried: int) -> None:

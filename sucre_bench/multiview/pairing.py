@@ -26,21 +26,27 @@ _TILE_PX = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A target's pixels with depth as points, grouped in square tiles of the image.
+    """A target's pixels with depth as points, grouped in square tiles of the image."""
 
-    camera, cam_from_world: the target's; pixels: (P,) int32 flat indices, tile after tile; points: (3, P) float32
-    metres in the camera's frame, of the pixels' centres; tile_starts: (T + 1,) int64, tile t (tiles without points are
-    left out) is elements tile_starts[t] to tile_starts[t + 1]; tile_corners: (3, 8, T) float64, the corners of the
-    frustum piece that holds a tile's points; corners: (3, 8, 1) float64, the same for all points together.
-    """
-
+    # Those of the target.
     camera: Camera
     cam_from_world: Array
+
     pixels: Indices
+    """Flat indices, (P,) int32, tile after tile."""
+
     points: Array
+    """The pixels' centres in the camera's frame, (3, P) float32, metres."""
+
     tile_starts: Indices
+    """Shape (T + 1,), int64. Tile t is elements tile_starts[t] to tile_starts[t + 1]; tiles without points are left
+    out."""
+
     tile_corners: Array
+    """The corners of the frustum piece that holds a tile's points, (3, 8, T) float64."""
+
     corners: Array
+    """The same for all points together, (3, 8, 1) float64."""
 
     def only(self, pixels: Indices) -> Surface:
         """Return the surface with some of its pixels: flat indices into the target."""
@@ -56,17 +62,19 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """The pairs of a target and one other view.
-
-    pixels: (M,) int32 flat indices into the target, each at most once; others: (M,) int32 flat indices into the
-    other view; distance: (M,) float32 metres from the other view's camera to the centre of its pixel;
-    at: (M, 2) float32, pixel coordinates x, y of the target's point in the other view, None for the pixel's centre.
-    """
+    """The pairs of a target and one other view."""
 
     pixels: Indices
+    """Flat indices into the target, (M,) int32, each at most once."""
+
     others: Indices
+    """Flat indices into the other view, (M,) int32."""
+
     distance: Array
+    """Metres from the other view's camera to the centre of its pixel, (M,) float32."""
+
     at: Array | None = None
+    """Pixel coordinates x, y of the target's point in the other view, (M, 2) float32; None for the pixel's centre."""
 
     def only(self, which: Mask) -> Matches:
         """Return the chosen pairs. which: (M,) bool."""

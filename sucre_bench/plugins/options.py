@@ -32,15 +32,16 @@ from sucre_bench.plugins.registry import find, get, is_name
 
 @dataclass(frozen=True)
 class Option:
-    """A field of a plugin: its name, type and default (dataclasses.MISSING when it must be given).
-
-    cls: the plugin's class.
-    """
+    """A field of a plugin."""
 
     name: str
     type: Any
+
     default: Any
+    """It is dataclasses.MISSING when a value must be given."""
+
     cls: type[Any]
+    """The plugin's class."""
 
     @property
     def is_required(self) -> bool:

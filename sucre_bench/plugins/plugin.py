@@ -55,15 +55,16 @@ NEEDS = HAS | {"restoration", "restored_views"}
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of pictures: a score above `limit`.
-
-    words: what tables say of a picture with it; "{share}" stands for the score as a share, "{hue}" for the part behind
-    "image/" of a second score's region; definition: of the score.
-    """
+    """A fault of pictures: a score above `limit`."""
 
     limit: float
+
     words: str
+    """What tables say of a picture with it. "{share}" stands for the score as a share, "{hue}" for the part behind
+    "image/" of a second score's region."""
+
     definition: str
+    """Of the score."""
 
 
 class Method(Protocol):
@@ -103,32 +104,43 @@ class PairMetric(Protocol):
 
 @dataclass(frozen=True)
 class Plugin:
-    """What is known of a plugin without running it.
-
-    needs: what a scene must offer; requires, may_use: packages it imports when it runs, or for some options; display:
-    how its image is brought to the screen, encoding, reads, is_photograph, differs, opinions: see `method`; source,
-    proven, has, charts_file, signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked,
-    faults, agreement, may_need: see `metric`.
-    """
+    """What is known of a plugin without running it."""
 
     kind: Kind
     name: str
     cls: type[Any]
+
     needs: frozenset[str] = frozenset()
+    """What a scene must offer."""
+
     may_need: frozenset[str] = frozenset()
+    """What a metric uses where a scene has it, see `metric`."""
+
     requires: tuple[str, ...] = ()
+    """Packages that it imports when it runs."""
+
     may_use: tuple[str, ...] = ()
+    """Packages that it imports for some options."""
+
     cites: str = ""
     licence: str = ""
+
     display: str = "none"
+    """How a method's image is brought to the screen."""
+
+    # Of a method, see `method`.
     encoding: Literal["any", "gamma"] = "any"
     reads: tuple[str, ...] = ()
     is_photograph: bool = False
     differs: str = ""
     opinions: Mapping[str, float] = field(default_factory=dict)
+
+    # Of a dataset, see `dataset`.
     source: str = ""
     proven: str = ""
     has: frozenset[str] = frozenset()
+
+    # Of a metric, see `metric`.
     unit: str = ""
     better: Better = "higher"
     range: tuple[float, float] = (-math.inf, math.inf)
@@ -139,6 +151,8 @@ class Plugin:
     unranked: frozenset[str] = frozenset()
     faults: Mapping[str, Fault] = field(default_factory=dict)
     agreement: Mapping[str, float] = field(default_factory=dict)
+
+    # Of a dataset, too.
     charts_file: str = ""
     signs: tuple[str, ...] = ()
 

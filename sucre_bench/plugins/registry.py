@@ -37,14 +37,13 @@ _RESERVED = frozenset({"name", "label", "display", "variants"})
 
 @dataclass(frozen=True)
 class Registry:
-    """What is known of plugins.
-
-    files: modules of plugin files, by the path they were loaded from; known: the plugins that were found of a kind by
-    a name, of all names where it is empty, each by its own.
-    """
+    """What is known of plugins."""
 
     files: dict[Path, ModuleType] = field(default_factory=dict)
+    """Modules of plugin files, by the path they were loaded from."""
+
     known: dict[tuple[Kind, str], dict[str, Plugin | Broken]] = field(default_factory=dict)
+    """The plugins that were found of a kind by a name, each by its own name. An empty name stands for all names."""
 
     def copy(self) -> Registry:
         """Return a registry with the same plugins; what is loaded into one of them is not in the other."""

@@ -35,21 +35,28 @@ _HAS = frozenset({"depth", "reference", "restoration"})
 
 @dataclass(frozen=True)
 class Bundled:
-    """A bundle that was written.
-
-    id: see `Bundle`; n_scores: number of rows with a value, without seconds and memory; n_inside, n_outside: number of
-    pictures in the bundle, and of pictures of which it has only the hash; local_paths: folders of this machine that
-    options of methods or datasets name; unverifiable: number of scores that need the restoration before it was rounded
-    to 8 bits, by "metric:variant"; none where the bundle has no pictures.
-    """
+    """A bundle that was written."""
 
     path: Path
+
     id: str
+    """See `Bundle`."""
+
     n_scores: int
+    """Number of rows with a value, without seconds and memory."""
+
     n_inside: int
+    """Number of pictures and their records in the bundle."""
+
     n_outside: int
+    """Number of pictures of which the bundle has only the hash."""
+
     local_paths: tuple[str, ...]
+    """Folders of this machine that options of methods or datasets name."""
+
     unverifiable: Mapping[str, int]
+    """Number of scores that need the restoration before it was rounded to 8 bits, by "metric:variant"; none where the
+    bundle has no pictures."""
 
 
 def bundle_results(

@@ -73,26 +73,32 @@ State = Literal["ready", "missing", "broken", "absent"]
 
 @dataclass(frozen=True)
 class Feature:
-    """A feature of sucre_bench on this machine.
-
-    state: "ready"; "missing": optional and not installed; "broken": required, but missing or failing; "absent": not
-    applicable here. said: what provides it, or why not; remedy: the command that mends it.
-    """
+    """A feature of sucre_bench on this machine."""
 
     name: str
+
     state: State
+    """Optional and not installed is "missing"; required, but missing or failing is "broken"; not applicable here is
+    "absent"."""
+
     said: str
+    """What provides it, or why not."""
+
     remedy: str = ""
+    """The command that mends it."""
 
 
 @dataclass(frozen=True)
 class Examined:
-    """The result of an examination. machine: its facts by name."""
+    """The result of an examination."""
 
     version: str
     python: str
     commit: str
+
     machine: dict[str, str]
+    """Facts of the computer, by name."""
+
     features: tuple[Feature, ...]
 
     @property

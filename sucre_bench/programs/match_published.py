@@ -58,53 +58,69 @@ _NEAR = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A published number.
-
-    label: of its row; images: names of the images it is of, or the mean of; rounding: half a unit of its last digit.
-    """
+    """A published number."""
 
     label: str
+    """Of its row."""
+
     images: tuple[str, ...]
+    """Names of the images that it is of, or that it is the mean of."""
+
     value: float
+
     rounding: float
+    """Half a unit of its last digit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """The published numbers of one metric. header: as the table has it; white: the square of white, where they are the
-    mean squared errors (MSE) that PSNR is made of; else 0.
-    """
+    """The published numbers of one metric."""
 
     metric: str
+
     header: str
+    """As the table has it."""
+
     cells: tuple[Cell, ...]
+
     white: float = 0.0
+    """The square of white, where the numbers are the mean squared errors (MSE) that PSNR is made of; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedTable:
-    """What a table says of images that are at hand. warnings: what of it could not be used, a line each."""
+    """What a table says of images that are at hand."""
 
     columns: tuple[Column, ...]
+
     warnings: tuple[str, ...]
+    """What of it could not be used, a line each."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """How far a variant is from a column.
-
-    lacking: how many cells it has no score for; compared: how many it has; value: its mean over these; mean, largest:
-    absolute difference over them; at: the row of the largest; fits: whether it gives the published numbers.
-    """
+    """How far a variant is from a column."""
 
     variant: str
+
     lacking: int
+    """How many cells it has no score for."""
+
     compared: int = 0
+    """How many cells it has a score for."""
+
     value: float = math.nan
+    """Its mean over the compared cells."""
+
+    # The absolute difference over the compared cells.
     mean: float = math.inf
     largest: float = math.inf
+
     at: str = ""
+    """The row of the largest difference."""
+
     fits: bool = False
+    """Whether it gives the published numbers."""
 
 
 # -- the table ---------------------------------------------------------------------------------------------------

@@ -49,13 +49,16 @@ class _Pictures:
 
 @dataclass(frozen=True, eq=False)
 class FolderScores:
-    """Scores of a folder. rows: the long table's columns; sets: the named test sets of its references, or else of its
-    images; shared: what these share with other sets, a line each.
-    """
+    """Scores of a folder."""
 
     rows: DataFrame
+    """The long table's columns."""
+
     sets: Sequence[Found]
+    """The named test sets of its references, or else of its images."""
+
     shared: Sequence[str]
+    """What these references or images share with other sets, a line each."""
 
 
 def _fitting(

@@ -41,18 +41,25 @@ _REGULAR_FILE = stat.S_IFREG | 0o644
 
 @dataclass(frozen=True)
 class Limits:
-    """What a bundle may hold at most.
-
-    entries: files; file_bytes, table_bytes, all_bytes: unpacked sizes of one picture or record, of one text file at the
-    top, of everything; ratio: unpacked size over packed size, of files above 1 MiB; name_bytes: of a path.
-    """
+    """What a bundle may hold at most."""
 
     entries: int = 200_000
+    """Files."""
+
     file_bytes: int = 1 << 28
+    """Unpacked size of one picture or record."""
+
     table_bytes: int = 1 << 30
+    """Unpacked size of one text file at the top."""
+
     all_bytes: int = 1 << 36
+    """Unpacked size of everything."""
+
     ratio: float = 300.0
+    """Unpacked size over packed size, of files above 1 MiB."""
+
     name_bytes: int = 500
+    """Of a path."""
 
 
 LIMITS = Limits()
@@ -64,21 +71,29 @@ FileHash = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """An opened bundle; files are read when they are asked for.
-
-    id: the first 16 digits of the SHA-256 of bundle.json, which names every other hash: it identifies the bundle;
-    by: who made it, in their own words; version: of sucre_bench; inside: the hash of every file in the bundle but
-    bundle.json; outside: of pictures that stayed where they were made; entries: the unpacked size of every file.
-    """
+    """An opened bundle; files are read when they are asked for."""
 
     path: Path
+
     entries: Mapping[str, int] = field(repr=False)
+    """The unpacked size of every file, by its name."""
+
     archive: zipfile.ZipFile = field(repr=False, compare=False)
+
     id: str = ""
+    """The first 16 digits of the SHA-256 of bundle.json, which names every other hash: it identifies the bundle."""
+
     by: str = ""
+    """Who made it, in their own words."""
+
     version: str = ""
+    """Of sucre_bench."""
+
     inside: Mapping[str, FileHash] = field(default_factory=dict)
+    """The hash of every file in the bundle but bundle.json."""
+
     outside: Mapping[str, FileHash] = field(default_factory=dict)
+    """The hashes of pictures that stayed where they were made."""
 
     def read(self, name: str) -> bytes:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
@@ -174,7 +189,8 @@ def write_bundle(
     with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
         for name, content in sorted({MANIFEST: manifest, **files}.items()):
             entry = zipfile.ZipInfo(name, _DATE)  # no date and no owner
-            entry.create_system, entry.external_attr = 3, _REGULAR_FILE << 16
+            entry.create_system = 3
+            entry.external_attr = _REGULAR_FILE << 16
             entry.compress_type = (
                 zipfile.ZIP_STORED if name.endswith(_STORED) else zipfile.ZIP_DEFLATED
             )
@@ -230,8 +246,10 @@ def _fault_of_entries(infos: Sequence[zipfile.ZipInfo], limits: Limits) -> str:
 
 
 def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
-    name, kind = info.orig_filename, stat.S_IFMT(info.external_attr >> 16)
-    parts, size = name.split("/"), info.file_size
+    name = info.orig_filename
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    parts = name.split("/")
+    size = info.file_size
     faults = {
         "is no plain path": name != info.filename
         or not name.isprintable()

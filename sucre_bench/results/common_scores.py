@@ -65,16 +65,19 @@ def differing_views(whole: DataFrame) -> set[ViewKey]:
 
 @dataclass(frozen=True)
 class CommonPixels:
-    """The pixels of a view that all methods fill.
-
-    mask: (H, W); share: of the image that they are; kind: whether scores are on them; id: hash of the mask, "" if no
-    scores are on them.
-    """
+    """The pixels of a view that all methods fill."""
 
     mask: Mask
+    """(H, W)."""
+
     share: float
+    """Which part of the image they are."""
+
     kind: Kind
+    """Whether scores are on them."""
+
     id: str
+    """Hash of the mask; "" if no scores are on them."""
 
 
 def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:

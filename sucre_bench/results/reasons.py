@@ -74,18 +74,25 @@ _VIEW = ["dataset", "scene", "view"]
 
 @dataclass(frozen=True)
 class Unscored:
-    """Scores that are missing for one reason.
-
-    metrics: their names, with the variants if others are there; methods: whose, empty for all; views: dataset, scene
-    and name of each, empty for all; datasets, n_views: of the whole table.
-    """
+    """Scores that are missing for one reason."""
 
     reason: str
+
     metrics: tuple[str, ...]
+    """Their names, with the variants if others of the metric are not among them."""
+
     methods: tuple[str, ...]
+    """Whose scores; empty for all."""
+
     views: tuple[tuple[str, str, str], ...]
+    """Dataset, scene and name of each; empty for all."""
+
     n_views: int
+    """Of the whole table."""
+
     datasets: tuple[str, ...]
+    """Of the whole table."""
+
     is_lack: bool
 
     def __str__(self) -> str:

@@ -48,11 +48,15 @@ _SHOWN_OVER = "shown_over"
 
 @dataclass(frozen=True)
 class Measured:
-    """A restoration, and what it took: wall seconds, MB of memory above what was held before."""
+    """A restoration, and what it took."""
 
     restoration: Restoration
+
     seconds: float
+    """Wall time."""
+
     peak_mb: float
+    """MB of memory above what was held before."""
 
 
 def write_view(out: Path, place: Place, view: View) -> None:
@@ -82,7 +86,8 @@ def write_pictures(
     """
     path, started = place.restored(out, method), time.perf_counter()
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
-    mask = None if (valid := restoration.valid).all() else valid
+    valid = restoration.valid
+    mask = None if valid.all() else valid
     del valid  # 100 MB in a picture of 100 megapixels
     write_masked_png(path, to_levels(picture[..., ::-1], bits), mask)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))

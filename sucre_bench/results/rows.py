@@ -31,17 +31,6 @@ COMMON = "@common"
 class Row:
     """One score, or the reason why there is none.
 
-    - method: label of the configuration;
-    - options, options_id: all its options as JSON, and their hash;
-    - region: "image", a chart, or "<chart>/<patch>";
-    - coverage: share of the region's pixels that were scored;
-    - status: "ok", "failed" or "skipped". Unless it is "ok", value is NaN and `reason` says why;
-    - seconds, peak_mb: wall time of the restoration, and its memory above that held before, with that of the GPU, in
-      MB;
-    - code: hashes of the source code of the method and of the metric;
-    - data_id: hash of the data;
-    - time: UTC, ISO 8601.
-
     The row of the metric "seconds" stands for the restoration as a whole: its status says whether the restoration
     failed or was skipped. A new Row has this metric by default.
     """
@@ -49,26 +38,52 @@ class Row:
     dataset: str = ""
     scene: str = ""
     view: str = ""
+
     method: str = ""
+    """Label of the configuration."""
+
     options: str = "{}"
+    """All the configuration's options as JSON."""
+
     options_id: str = ""
+    """Hash of `options`."""
+
     metric: str = RESTORATION
     variant: str = "wall"
+
     region: str = "image"
+    """It is "image", a chart, or "<chart>/<patch>"."""
+
     value: float = math.nan
     unit: str = "s"
     better: str = "lower"
     n_pixels: int = 0
+
     coverage: float = 1.0
+    """Share of the region's pixels that were scored."""
+
     status: Status = "ok"
+    """It is "ok", "failed" or "skipped". Unless it is "ok", `value` is NaN and `reason` says why."""
+
     reason: str = ""
+
     seconds: float = math.nan
+    """Wall time of the restoration."""
+
     peak_mb: float = math.nan
+    """Memory of the restoration above that held before, with that of the GPU, in MB."""
+
     device: str = "cpu"
     seed: int = 0
+
     code: str = ""
+    """Hashes of the source code of the method and of the metric, see `RowCode`."""
+
     data_id: str = ""
+    """Hash of the data."""
+
     time: str = field(default_factory=now)
+    """UTC, ISO 8601."""
 
 
 _DIGITS = 12

@@ -25,14 +25,13 @@ from sucre_bench.scene import Encoding, Water
 
 @dataclass(frozen=True)
 class Lighting:
-    """How the observations were lit that a water was fitted to.
-
-    gains: of each view by name, a number or one for each channel, in the water's units; empty for one exposure.
-    falls_off: whether the light differed across the images.
-    """
+    """How the observations were lit that a water was fitted to."""
 
     gains: Mapping[str, Any] = field(default_factory=dict)
+    """Of each view by name, a number or one for each channel, in the water's units; empty for one exposure."""
+
     falls_off: bool = False
+    """Whether the light differed across the images."""
 
 
 _ENCODINGS: dict[Any, Encoding | None] = {

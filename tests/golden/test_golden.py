@@ -43,7 +43,7 @@ _OPTIONS += ("cache_keep", "replicate", "baseline", "view_timeout_s")
 
 def as_data(job: Any) -> dict[str, Any]:
     """What a job does: labels, names and options that are not as by default, metrics, and other settings."""
-    from sucre_bench.jobs.words import given
+    from sucre_bench.jobs.rerun import given
 
     run = {
         name: value

@@ -17,7 +17,7 @@ from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import recognised
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.words import quoted, shell, value_of
+from sucre_bench.jobs.word_syntax import quoted, shell, value_of
 from sucre_bench.machine import progress
 
 pytestmark = pytest.mark.usefixtures("toys")

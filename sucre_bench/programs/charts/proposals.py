@@ -33,11 +33,15 @@ _LEAST_EDGE_PX = 12.0  # pixels: the smallest readable patch has 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A chart where the geometry expects it. view: of the proposal; source: the view in which it is marked."""
+    """A chart where the geometry expects it."""
 
     view: str
+    """Where it is proposed."""
+
     chart: Chart
+
     source: str
+    """The view in which it is marked, or "detector"."""
 
 
 def detect(shown: Array, kind: str) -> list[Chart]:

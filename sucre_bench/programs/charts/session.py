@@ -18,7 +18,7 @@ from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
-from sucre_bench.jobs.words import quoted
+from sucre_bench.jobs.word_syntax import quoted
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import expanded
@@ -34,14 +34,20 @@ _PREVIEW = 300  # pixels, the longer side of a rectified chart
 class Session:
     """The views of a scene for marking charts, and the charts' file.
 
-    views: the named views, which come first and which the detector examines; others: further views of the scene; kind:
-    of new charts. Charts are proposed from and for all views.
+    Charts are proposed from and for all views.
     """
 
     views: Sequence[View]
+    """The named views, which come first and which the detector examines."""
+
     file: ChartsFile
+
     kind: str
+    """Of new charts."""
+
     others: Sequence[View] = ()
+    """Further views of the scene."""
+
     lock: threading.RLock = field(default_factory=threading.RLock)
 
     @property

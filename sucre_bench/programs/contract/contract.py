@@ -83,24 +83,28 @@ class Note(str):
 
 
 class Finding(NamedTuple):
-    """A finding of a rule. text: one line, "fault; remedy", or a figure for a note."""
+    """A finding of a rule."""
 
     level: Level
+
     text: str
+    """One line, "fault; remedy", or a figure for a note."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A plugin to check.
-
-    options: of the plugin; on: the dataset for trying a method, empty for none; factor: by which made scenes are
-    enlarged for a method that cannot restore small images.
-    """
+    """A plugin to check."""
 
     plugin: Plugin
+
     options: Mapping[str, Any] = field(default_factory=dict)
+    """Of the plugin."""
+
     on: str = ""
+    """The dataset on which a method is tried, empty for none."""
+
     factor: int = 1
+    """By which made scenes are enlarged for a method that cannot restore small images."""
 
     @property
     def file(self) -> Path:
@@ -138,13 +142,19 @@ Rule = Callable[[Subject], Lines]
 
 
 class Outcome(NamedTuple):
-    """The outcome of a rule. name: of its function; rule: what it says; skipped: why it could not be checked."""
+    """The outcome of a rule."""
 
     name: str
+    """Of the rule's function."""
+
     rule: str
+    """What it says."""
+
     findings: tuple[Finding, ...]
     seconds: float = 0.0
+
     skipped: str = ""
+    """Why it could not be checked; empty if it was."""
 
     @property
     def status(self) -> Status:

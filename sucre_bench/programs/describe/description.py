@@ -41,30 +41,41 @@ _GRAY = 128
 
 @dataclass(frozen=True, eq=False)
 class Described:
-    """The description of a scene.
-
-    n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, with
-    is_metric (whether lengths are metres) and note (how the scale was found), or None if there is none (lengths then
-    count as metres); unit: of lengths; spread: None without poses or depth; edges (B + 1,), shares (B,): the distances
-    of all pixels with depth, empty without depth; sets: the named test sets of its photographs; shared: what these
-    share with other sets, a line each.
-    """
+    """The description of a scene."""
 
     dataset: str
     scene: str
+
     n_views: int
+    """Number of views in the scene, also those that are not described."""
+
     scale: dict[str, Any] | None
+    """The note of `prepare`, with is_metric (whether lengths are metres) and note (how the scale was found). None if
+    there is none; lengths then count as metres."""
+
     unit: str
+    """Of lengths."""
+
     has: tuple[str, ...]
     water: Water | None
     looks: list[Look]
     overlaps: list[Overlap]
+
     spread: Spread | None
+    """None without poses or depth."""
+
+    # The distances of all pixels with depth: edges of their bins (B + 1,), and the share of each bin (B,). Empty
+    # without depth.
     edges: list[float]
     shares: list[float]
+
     faults: list[Fault]
+
     sets: list[Found]
+    """The named test sets of its photographs."""
+
     shared: list[str]
+    """What its photographs share with other sets, a line each."""
 
     @property
     def facts(self) -> list[ViewFacts]:

@@ -46,73 +46,98 @@ MOST_POINTS = 8000  # of a view
 
 @dataclass(frozen=True)
 class ChartFacts:
-    """A chart. distance: metres to its middle, None if unknown; fault: of its corners, or empty."""
+    """A chart."""
 
     name: str
     kind: str
+
     distance: float | None
+    """Metres to its middle, None if unknown."""
+
     fault: str
+    """Of its corners, or empty."""
 
 
 @dataclass(frozen=True)
 class ViewFacts:
-    """A view.
-
-    image_fault, depth_fault: the reason if a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of
-    the camera in the world, metres; mean: of each channel, as stored; spread: its standard deviation, gamma-encoded, in
-    which linear light of dark pictures has as much to see as it has for eyes; saturated:
-    share of pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in
-    metres.
-    """
+    """A view."""
 
     name: str
     width: int
     height: int
     encoding: str
+
+    # Why a plane cannot be read, or empty.
     image_fault: str
     depth_fault: str
+
     has_depth: bool
     has_reference: bool
+
     focal: Numbers | None
+    """(fx, fy) in pixels."""
+
     position: Numbers | None
+    """Of the camera in the world, metres."""
+
     coverage: float
+    """Share of pixels with depth."""
+
     distances: Numbers | None
+    """Percentiles 1, 50 and 99 in metres."""
+
     mean: Numbers = ()
+    """Of each channel, as stored."""
+
     spread: Numbers = ()
+    """Standard deviation of each channel, gamma-encoded, so that a dark picture in linear light counts by what eyes see
+    in it."""
+
     saturated: float = 0.0
+    """Share of pixels with a full channel."""
+
     charts: tuple[ChartFacts, ...] = ()
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """The overlap of one view with the others.
-
-    seen: share of its points that at least one other view sees; partners: number of views that see 5 % of them or more;
-    disagreement: median of |d - Z| / Z of its points that project into others, None if there are none.
-    """
+    """The overlap of one view with the others."""
 
     view: str
+
     seen: float
+    """Share of its points that at least one other view sees."""
+
     partners: int
+    """Number of views that see 5 % of its points or more."""
+
     disagreement: float | None
+    """Median of |d - Z| / Z of its points that project into others, None if there are none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A view with its facts, and its planes at reduced size; None for a plane that it lacks.
-
-    picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; distance: (h, w) metres, Euclidean
-    where the view has a camera, 0 = unknown; camera: of the reduced size; charts: (C, 4, 2) corners in its pixels;
-    print, reference_print: of the picture and of the reference, see `named_sets`.
-    """
+    """A view with its facts, and its planes at reduced size; None for a plane that it lacks."""
 
     view: View
     facts: ViewFacts
+
     picture: npt.NDArray[np.uint8] | None
+    """(h, w, 3) uint8, as shown."""
+
     depth: Array | None
+    """(h, w) float32, metres along the axis."""
+
     distance: Array | None
+    """(h, w), metres, Euclidean where the view has a camera, 0 = unknown."""
+
     camera: Camera | None
+    """Of the reduced size."""
+
     charts: Array
+    """(C, 4, 2), corners in pixels of the reduced size."""
+
+    # Of the picture and of the reference, see `named_sets`.
     print: Print | None
     reference_print: Print | None
 
@@ -296,14 +321,16 @@ _ALIKE = 1.12
 
 @dataclass(frozen=True)
 class Spread:
-    """How unlike the distances are from which views see the same places.
-
-    ratio: the farthest distance of a place over its nearest, median of places that several views see, 1 without such;
-    shared: the share of places that several views see; nearest, farthest: 5 and 95 % of all distances.
-    """
+    """How unlike the distances are from which views see the same places."""
 
     ratio: float
+    """The farthest distance of a place over its nearest: the median of places that several views see, 1 without
+    such."""
+
     shared: float
+    """The share of places that several views see."""
+
+    # 5 and 95 % of all distances.
     nearest: float
     farthest: float
 

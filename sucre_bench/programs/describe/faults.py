@@ -53,12 +53,16 @@ _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault. kind: its name; what, remedy: text; views: the views concerned, none for the whole scene."""
+    """A fault."""
 
     kind: str
+    """Its name, such as "chart"."""
+
     what: str
     remedy: str
+
     views: tuple[str, ...] = ()
+    """The views concerned, none for the whole scene."""
 
     def __str__(self) -> str:
         which = ", ".join(self.views[:3]) + (

@@ -46,15 +46,14 @@ _QUALITY = 95
 
 @dataclass(frozen=True)
 class Shown:
-    """A picture of a study: whose it is, and what it was when the page was made.
-
-    of: options_id, data_id and code of the restoration.
-    """
+    """A picture of a study: whose it is, and what it was when the page was made."""
 
     scene: str
     view: str
     method: str
+
     of: tuple[str, ...]
+    """The options_id, data_id and code of the restoration."""
 
     @classmethod
     def of_row(cls, row: Any) -> "Shown":
@@ -64,12 +63,14 @@ class Shown:
 
 @dataclass(frozen=True)
 class Key:
-    """Tells whose the pictures of a page are. pictures: by the name that the page gives them."""
+    """Tells whose the pictures of a page are."""
 
     study: str
     dataset: str
     methods: tuple[str, ...]
+
     pictures: Mapping[str, Shown]
+    """By the name that the page gives them."""
 
 
 def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int = 12) -> Key:
@@ -115,15 +116,17 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What a study shows of a view with holes: the largest rectangle that all methods fill.
-
-    area: rows and columns; mask: (H, W) of the view, the pixels that all methods fill; specks of others in the
-    rectangle are painted from around them, alike in all pictures; share: of the view that the rectangle has.
-    """
+    """What a study shows of a view with holes: the largest rectangle that all methods fill."""
 
     area: tuple[slice, slice]
+    """Rows and columns."""
+
     mask: Mask
+    """(H, W) of the view, the pixels that all methods fill. Specks of others in the rectangle are painted from around
+    them, alike in all pictures."""
+
     share: float
+    """Of the view's pixels that the rectangle has."""
 
 
 def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[str]]:

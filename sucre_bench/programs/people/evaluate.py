@@ -28,13 +28,15 @@ _WON = {"left": 1.0, "tie": 0.5, "right": 0.0}
 
 @dataclass(frozen=True)
 class Vote:
-    """What an observer said of two pictures of one view. won: 1 if the left was preferred, 0.5 for a tie, else 0."""
+    """What an observer said of two pictures of one view."""
 
     study: str
     observer: str
     left: Shown
     right: Shown
+
     won: float
+    """1 if the left was preferred, 0.5 for a tie, else 0."""
 
 
 def read_votes(
@@ -143,18 +145,25 @@ def as_numbers(votes: Sequence[Vote]) -> Numbered:
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """What people's votes say.
-
-    dataset: its label; numbered: the votes that count; people: scores of `numbered.methods`; observers: how far they
-    agree; metrics: how far each metric's variant agrees with people; skipped: votes and files that do not count.
-    """
+    """What people's votes say."""
 
     dataset: str
+    """Its label."""
+
     numbered: Numbered
+    """The votes that count."""
+
     people: statistics.Preferences
+    """Scores of `numbered.methods`."""
+
     observers: statistics.Agreement
+    """How far they agree."""
+
     metrics: dict[tuple[str, str], statistics.MetricAgreement]
+    """How far each metric's variant agrees with people."""
+
     skipped: tuple[str, ...]
+    """Votes and files that do not count."""
 
 
 def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:

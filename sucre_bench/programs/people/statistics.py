@@ -36,16 +36,19 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """Votes of all observers, an entry a vote.
-
-    methods: how many there are; first, second: (N,) numbers of the two methods; won: (N,) 1 if the first was preferred,
-    0 if the second, 0.5 for a tie; view: (N,) number of the view; observer: (N,) number of the observer.
-    """
+    """Votes of all observers, an entry a vote."""
 
     methods: int
+    """How many there are."""
+
+    # (N,), the numbers of the two methods.
     first: Numbers
     second: Numbers
+
     won: Array
+    """(N,), 1 if the first was preferred, 0 if the second, 0.5 for a tie."""
+
+    # (N,), as numbers.
     view: Numbers
     observer: Numbers
 
@@ -69,18 +72,23 @@ class Votes:
 
 @dataclass(frozen=True, eq=False)
 class Preferences:
-    """Scores (M,) in log-odds, mean 0; low, high: (M,) ends of their 95 % intervals, NaN without them.
-
-    want: what is missing for intervals, empty if they are there; resampled: (R, M) scores of the bootstrap over
-    observers; half: (M, M) half the interval of each difference.
-    """
+    """The scores of methods, with their 95 % intervals."""
 
     scores: Array
+    """(M,) in log-odds, mean 0."""
+
+    # (M,), ends of the 95 % intervals of the scores, NaN without them.
     low: Array
     high: Array
+
     resampled: Array
+    """(R, M), scores of the bootstrap over observers."""
+
     half: Array
+    """(M, M), half the interval of each difference."""
+
     want: str
+    """What is missing for intervals, empty if they are there."""
 
     def difference(self, i: int, j: int) -> tuple[float, float, float]:
         """Return the score of i less that of j, and the ends of its 95 % interval, NaN without one."""
@@ -166,24 +174,31 @@ def pseudo_values(votes: Votes, n_views: int) -> Array:
 
 @dataclass(frozen=True)
 class Agreement:
-    """alpha: Krippendorff's, 1 = full agreement, 0 = that of chance, NaN if undefined; n: pairs several judged."""
+    """How far observers agree."""
 
     alpha: float
+    """Krippendorff's, 1 = full agreement, 0 = that of chance, NaN if undefined."""
+
     n: int
+    """How many pairs several observers judged."""
 
 
 @dataclass(frozen=True)
 class MetricAgreement:
-    """tau: Kendall's, between a metric's order of the methods and people's; low, high: its 95 % interval.
-
-    predicted: share of votes that were for the picture with the better score, ties left out; n: how many votes.
-    """
+    """How far a metric agrees with people."""
 
     tau: float = np.nan
+    """Kendall's, between a metric's order of the methods and people's."""
+
+    # The 95 % interval of tau.
     low: float = np.nan
     high: float = np.nan
+
     predicted: float = np.nan
+    """Share of votes that were for the picture with the better score, ties left out."""
+
     n: int = 0
+    """How many votes that is a share of."""
 
 
 def observer_agreement(votes: Votes) -> Agreement:

@@ -22,27 +22,42 @@ Surface = Literal["auto", "dense", "sparse"]
 class Options:
     """The options of `prepare`.
 
-    masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
-    COLMAP's camera model; cameras: photos that share one; focal: focal length that is held, in longer sides of a photo,
-    None: it is found; max_size: longest side in pixels that photos are shrunk to,
-    0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
-    pixels of swept images; model: of another program, whose poses are kept; mesh: in the frame of that model, for the
-    depths; depth: folder of depth or disparity maps of the photos, in any unit.
     Raises InputError for a focal length that no camera has, for options that exclude each other, and for a path that
     does not exist.
     """
 
     masks: Path | None = None
+    """Folder of masks, white where a photo is used."""
+
     matching: Matching = "auto"
+    """Which pairs of photos are matched, by the number of photos if "auto"."""
+
     camera: CameraModel = "SIMPLE_RADIAL"
+    """COLMAP's camera model."""
+
     cameras: Cameras = "single"
+    """Which photos share a camera."""
+
     focal: float | None = None
+    """Focal length that is held, in longer sides of a photo; None: it is found."""
+
     max_size: int = 0
+    """Longest side in pixels that photos are shrunk to; 0: not at all."""
+
     surface: Surface = "auto"
+    """Plane sweep or relief of the sparse points, by the number of placed photos if "auto"."""
+
     depth_size: int = 800
+    """Longest side in pixels of swept images."""
+
     model: Path | None = None
+    """Of another program, whose poses are kept."""
+
     mesh: Path | None = None
+    """In the frame of `model`, for the depths."""
+
     depth: Path | None = None
+    """Folder of depth or disparity maps of the photos, in any unit."""
 
     def __post_init__(self) -> None:
         if self.focal is not None and not 0.2 <= self.focal <= 10:

@@ -51,11 +51,14 @@ GIVEN = 4
 
 
 class DepthMap(NamedTuple):
-    """depth: (H, W) float32 at the photo's size, planar, in the model's unit, 0 = unknown; origin: (H, W) uint8, how
-    each pixel got it: 1 measured in this photo, 2 in another one, 3 between measured points, 4 given."""
+    """The depth of a photo, and how each pixel got it."""
 
     depth: Array
+    """(H, W) float32 at the photo's size, planar, in the model's unit, 0 = unknown."""
+
     origin: npt.NDArray[np.uint8]
+    """(H, W) uint8, how each pixel got its depth: 1 measured in this photo, 2 in another one, 3 between measured
+    points, 4 given."""
 
 
 DepthMaps = Callable[[Shot], DepthMap]

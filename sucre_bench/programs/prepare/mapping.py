@@ -58,11 +58,14 @@ PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no mor
 
 
 class _Attempt(NamedTuple):
-    """Settings of an attempt. peak: least contrast of a feature."""
+    """Settings of an attempt."""
 
     name: str
     longest: int
+
     peak: float
+    """Least contrast of a feature."""
+
     start_inliers: int
     pose_inliers: int
     guided: bool
@@ -76,18 +79,29 @@ _ATTEMPTS = (
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """model: folder of the COLMAP model, its cameras those of the photos as used; registered: output names; attempt:
-    the attempt that gave the model; best_matches: for each photo, the most matches with a placed photo (with any photo
-    if none is placed), and the name of that photo; damaged: photos that turned out to be damaged, and why; groups:
-    sizes of all separate models; has_logo: whether something stands at one place of all photos."""
+    """The model that an attempt gave, and what was found out about the photos."""
 
     model: Path
+    """Folder of the COLMAP model, its cameras those of the photos as used."""
+
     registered: list[str]
+    """Output names of the photos that are placed in it."""
+
     attempt: str
+    """The one that gave the model, by name."""
+
     best_matches: dict[str, tuple[int, str]]
+    """For each photo, the most matches with a placed photo (with any photo if none is placed), and the name of that
+    photo."""
+
     damaged: dict[str, str]
+    """Photos that turned out to be damaged, and why."""
+
     groups: list[int]
+    """Sizes of all separate models."""
+
     has_logo: bool = False
+    """Whether something stands at one place of all photos."""
 
 
 def _stored(folder: Path) -> Mapped | None:

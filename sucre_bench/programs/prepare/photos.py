@@ -18,20 +18,27 @@ from sucre_bench.machine.progress import track
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """A photo.
-
-    name: path relative to the folder of photos, which orders them; key: a name that any program accepts; size: (width,
-    height) in pixels, after shrinking; output: the name of its undistorted image; mask: the file whose black parts are
-    not used; stamp: identifies the file's version.
-    """
+    """A photo."""
 
     name: str
+    """Path relative to the folder of photos, which orders them."""
+
     key: str
+    """A name that any program accepts."""
+
     path: Path
+
     size: Size
+    """(width, height) in pixels, after shrinking."""
+
     output: str
+    """The name of its undistorted image."""
+
     mask: Path | None
+    """The file whose black parts are not used."""
+
     stamp: tuple[object, ...]
+    """Identifies the file's version."""
 
 
 def find_photos(

@@ -136,19 +136,24 @@ def _motion(shot: Shot, source: Shot) -> float:
 
 
 class _Best(NamedTuple):
-    """The best of a sweep so far, each (H, W): numba takes this as a tuple of arrays.
+    """The best of a sweep so far, each (H, W): numba takes this as a tuple of arrays."""
 
-    first, second: the two best correlations on this plane; previous: the score of the plane before; best: the best
-    score; before, after: the scores of the planes next to the best one; at: that plane.
-    """
-
+    # The two best correlations on this plane.
     first: Array
     second: Array
+
     previous: Array
+    """The score of the plane before."""
+
     best: Array
+    """The best score."""
+
+    # The scores of the planes next to the best one.
     before: Array
     after: Array
+
     at: npt.NDArray[np.int16]
+    """The number of the best plane."""
 
 
 def sweep(

@@ -42,57 +42,71 @@ _ATTEMPTS = {
     "given": "by the given model",
 }
 # the page marks worse values
-_MILD_COVERAGE = 0.1
 _MILD_ERROR = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """The quality of one image.
-
-    points: sparse points seen; reprojection_px: their mean distance from where they were found, in
-    pixels of the undistorted image, NaN without points; coverage: share of pixels with depth; depth_error: median
-    relative difference of the depth map from the sparse points, NaN if none has both; nearest_m, farthest_m: 1 and
-    99 % of depths; measured, interpolated: shares of pixels whose depth this photo measured, and whose place none did.
-    """
+    """The quality of one image."""
 
     name: str
+
     points: int
+    """Sparse points seen."""
+
     reprojection_px: float
+    """Mean distance of the sparse points from where they were found, in pixels of the undistorted image, NaN without
+    points."""
+
     coverage: float
+    """Share of pixels with depth."""
+
     depth_error: float
+    """Median relative difference of the depth map from the sparse points, NaN if none has both."""
+
+    # 1 and 99 % of depths.
     nearest_m: float
     farthest_m: float
-    measured: float = 0.0
-    interpolated: float = 0.0
 
-    @property
-    def is_poor(self) -> bool:
-        """Whether to check the image before using it."""
-        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
+    measured: float = 0.0
+    """Share of pixels whose depth this photo measured."""
+
+    interpolated: float = 0.0
+    """Share of pixels whose place no photo measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """The result of `prepare`.
-
-    out: its folder; qualities: figures of its images; damaged, unplaced: photos left out, with reason and remedy;
-    scale; known: what the scale was found from; warnings; keys: of the model and of the depth maps' stage, which decide
-    whether a scale and a length are still valid; is_new: False if nothing had to be done; is_kept: whether the scale is
-    that of an earlier command; focal: see `_focal`.
-    """
+    """The result of `prepare`."""
 
     out: Path
+    """Its folder."""
+
     qualities: tuple[Quality, ...]
+    """Figures of its images."""
+
+    # Photos left out, with reason and remedy.
     damaged: dict[str, str]
     unplaced: dict[str, str]
+
     scale: Scale
+
     known: Known
+    """What the scale was found from."""
+
     warnings: tuple[str, ...]
+
     keys: tuple[str, str]
+    """Of the model and of the depth maps' stage, which decide whether a scale and a length are still valid."""
+
     is_new: bool = True
+    """False if nothing had to be done."""
+
     is_kept: bool = False
+    """Whether the scale is that of an earlier command."""
+
     focal: str = ""
+    """See `_focal`."""
 
     @property
     def photos(self) -> int:

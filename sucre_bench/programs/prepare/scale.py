@@ -62,15 +62,16 @@ def known_scale(
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A scale.
-
-    metres_per_unit: factor for the model; is_metric: False for an arbitrary scale; note: how it was found, and how far
-    single measurements differ.
-    """
+    """A scale."""
 
     metres_per_unit: float
+    """Factor for the model."""
+
     is_metric: bool
+    """False for an arbitrary scale."""
+
     note: str
+    """How it was found, and how far single measurements differ."""
 
 
 def find_scale(

@@ -114,20 +114,28 @@ def write_model(model: Any, folder: Path) -> None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shot:
-    """A registered photo.
-
-    name: of the undistorted image; camera: pinhole, at the image's size; cam_from_world: (4, 4) float64;
-    point_ids: (P,) of the sparse points seen, sorted; points: (P, 3) float64 in the world; xy: (P, 2) float64, their
-    features' pixels; tracks: (P,) number of photos that see each. Lengths are in the model's unit.
-    """
+    """A registered photo. Lengths are in the model's unit."""
 
     name: str
+    """Of the undistorted image."""
+
     camera: Camera
+    """Pinhole, at the image's size."""
+
     cam_from_world: Array
+    """(4, 4) float64."""
+
     point_ids: npt.NDArray[np.int64]
+    """(P,) of the sparse points seen, sorted."""
+
     points: Array
+    """(P, 3) float64 in the world."""
+
     xy: Array
+    """(P, 2) float64, the pixels of the points' features."""
+
     tracks: npt.NDArray[np.int64]
+    """(P,), number of photos that see each point."""
 
     @property
     def centre(self) -> Array:

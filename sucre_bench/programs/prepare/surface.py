@@ -38,15 +38,16 @@ _ROWS = 256  # that rays are cast for at a time
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles.
-
-    vertices: (V, 3) float64 in the world; triangles: (T, 3) their indices; gaps: (V,) distance of each vertex from the
-    nearest measured point, 0 if unknown.
-    """
+    """Triangles."""
 
     vertices: Array
+    """(V, 3) float64 in the world."""
+
     triangles: npt.NDArray[np.int64]
+    """(T, 3), indices of their vertices."""
+
     gaps: Array
+    """(V,), distance of each vertex from the nearest measured point, 0 if unknown."""
 
     def caster(self) -> Callable[..., tuple[Array, npt.NDArray[np.int64]]]:
         """Return the function that gives a shot's planar depth (H, W) float32, 0 = none, and triangles (H, W).

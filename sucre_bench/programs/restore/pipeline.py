@@ -18,7 +18,7 @@ from sucre_bench.engine.preflight import MOST_SHOWN_OVER, opening_once, select
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
-from sucre_bench.jobs.words import quoted, value_of
+from sucre_bench.jobs.word_syntax import quoted, value_of
 from sucre_bench.loading.colmap_model import lens_of_model
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens
@@ -46,17 +46,25 @@ _LEAST = {"workers": 0, "shard.count": 1}
 
 @dataclass(frozen=True)
 class Options:
-    """method: of the dive; single_view: of photographs without a place in it; quality: of JPEG and WebP, 1 to 100;
-    original_geometry: distort pictures back; words: of `sucre-bench run`, options of dataset and method; where: its
-    words that say where the work is done, in how many blocks.
-    """
+    """The options of `restore`."""
 
     method: str
+    """Of the dive."""
+
     single_view: str
+    """The method of photographs without a place in the dive."""
+
     quality: int = 95
+    """Of JPEG and WebP, 1 to 100."""
+
     original_geometry: bool = False
+    """Whether pictures are distorted back."""
+
     words: Words = ()
+    """Of `sucre-bench run`: options of dataset and method."""
+
     where: Words = ()
+    """Words of `sucre-bench run` that say where the work is done, in how many blocks."""
 
 
 def sorted_words(words: Sequence[str], method: str) -> tuple[Words, Words]:
@@ -89,14 +97,22 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[Words, Words]:
 
 @dataclass(frozen=True)
 class Source:
-    """What is restored. dataset: its words; is_dive: whether its views have poses or depth; prepared: what `prepare`
-    noted of it; photographs: files by name, none if the views are the photographs; folder: of the photographs."""
+    """What is restored."""
 
     dataset: Words
+    """Its words."""
+
     is_dive: bool
+    """Whether its views have poses or depth."""
+
     prepared: PreparedDive | None = None
+    """What `prepare` noted of it."""
+
     photographs: Mapping[str, Path] = field(default_factory=dict)
+    """Files by name, none if the views are the photographs."""
+
     folder: Path = Path()
+    """Of the photographs."""
 
     @property
     def of_photographs(self) -> Source:
@@ -107,17 +123,26 @@ class Source:
 
 @dataclass(frozen=True)
 class Done:
-    """The outcome. names: of the pictures; faults: why a photograph has none; n_instead: pictures that the method of
-    single views made, since the method of the dive could not; has_failed: whether that was its failure, and not
-    depth that they lack; together: those that the method of the dive restored; assessed: how far each
-    picture can be trusted."""
+    """The outcome."""
 
     names: tuple[str, ...]
+    """Of the pictures."""
+
     faults: Mapping[str, str]
+    """Why a photograph has no picture."""
+
     n_instead: int
+    """Number of pictures that the method of single views made, since the method of the dive could not."""
+
     has_failed: bool
+    """Whether the method of the dive failed, at a photograph or by restoring none. Lack of depth at some is no
+    failure."""
+
     together: Sequence[Restored]
+    """Photographs that the method of the dive restored."""
+
     assessed: Sequence[Assessed]
+    """How far each picture can be trusted."""
 
 
 def source_of(folder: Path, photographs: Path | None = None) -> Source:
@@ -236,11 +261,15 @@ def noted(source: Source, out: Path, options: Options, again: bool = True) -> Pa
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a run restored. faults: by photograph; has_failed: see `Done`."""
+    """What a run restored."""
 
     restored: list[Restored]
+
     faults: dict[str, str]
+    """By photograph."""
+
     has_failed: bool
+    """See `Done`."""
 
 
 def _parts(
@@ -338,12 +367,16 @@ def _replaced(
 
 @dataclass(frozen=True)
 class PreparedDive:
-    """What `sucre-bench prepare` noted of a dive. origins: folder of the maps that say how each pixel got its depth;
-    photographs: their folder; lenses: of its cameras."""
+    """What `sucre-bench prepare` noted of a dive."""
 
     origins: Path
+    """Folder of the maps that say how each pixel got its depth."""
+
     photographs: Path
+    """The folder that they are in."""
+
     lenses: tuple[Lens, ...]
+    """Of its cameras."""
 
     def lens_of(self, camera: Camera | None) -> Lens | None:
         """Return the lens whose pinhole image has this camera; None if the photograph has no distortion."""

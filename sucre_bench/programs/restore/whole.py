@@ -157,7 +157,8 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     known &= ground | (np.bincount(patch.ravel(), watery.ravel())[patch] < _WATERY * cells)
     trust = continued(known.astype(np.float32), known, small, watery**_SHARP)
     size = measured.shape[::-1]
-    guide = in_cells(photograph, step := -(-n // _FINE_PX))
+    step = -(-n // _FINE_PX)
+    guide = in_cells(photograph, step)
     coarse = np.asarray(
         cv2.resize(trust, guide.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32
     )

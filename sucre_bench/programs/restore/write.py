@@ -39,25 +39,40 @@ _INTERPOLATED = 3  # in a map of depth's origins: between measured points, so pe
 
 @dataclass(frozen=True, eq=False)
 class Restored:
-    """A photograph that the engine restored.
-
-    name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image: the
-    restored image; lens: of the photograph, if the view is its pinhole image; origin: where `prepare` says how each
-    pixel got its depth, if it does; method: its label; measured: share of pixels with a measured distance; limits: what
-    the method says of its result, in words; record: all of it; is_of_dive: whether it was restored with others.
-    """
+    """A photograph that the engine restored."""
 
     name: str
+    """Path of its picture below the folder of pictures."""
+
     photograph: Path
+    """Its file."""
+
     view: View
+    """What was restored."""
+
     image: Path
+    """The restored image."""
+
     lens: Lens | None
+    """Of the photograph, if the view is its pinhole image."""
+
     origin: Path | None
+    """Where `prepare` says how each pixel got its depth, if it does."""
+
     method: str
+    """Its label."""
+
     measured: float
+    """Share of pixels with a measured distance."""
+
     limits: Sequence[str]
+    """What the method says of its result, in words."""
+
     record: Mapping[str, Any]
+    """All that is stored of the restoration beside its image."""
+
     is_of_dive: bool
+    """Whether it was restored with others."""
 
 
 def write_pictures(

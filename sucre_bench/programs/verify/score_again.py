@@ -122,14 +122,16 @@ def _difference(one: float, other: float, period: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """A restoration whose image is a picture of 8 bits, scored again.
-
-    pixels that have no colour are NaN; scorers: metrics, with one variant each.
-    """
+    """A restoration whose image is a picture of 8 bits, scored again."""
 
     restoration: Restoration
+    """Pixels of its image that have no colour are NaN."""
+
     view: View
+
     scorers: Sequence[Scorer]
+    """Metrics, with one variant each."""
+
     _corners: dict[tuple[str, str], list[dict[Key, Row]]] = field(
         default_factory=dict, init=False
     )

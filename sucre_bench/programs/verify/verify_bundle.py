@@ -68,26 +68,38 @@ class DifferingScore:
 
 @dataclass
 class Outcome:
-    """What became of a bundle's check.
+    """What became of a bundle's check."""
 
-    id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
-    each; differing: scores that differ; n_agree: number of scores that were computed again and agree; n_common: how
-    many of these are on common pixels; largest: the largest difference of these, as a share of the score; unchecked:
-    scores that were not computed again, by reason; needs_data: whether some of them need the data; other_versions:
-    metrics whose code here is not the code that made the scores.
-    """
-
+    # See `Bundle`.
     id: str
     by: str
+
     n_files: int
+    """Number of checked hashes."""
+
     faults: list[str] = field(default_factory=list)
+    """Of files, data, pictures or units, one line each."""
+
     differing: list[DifferingScore] = field(default_factory=list)
+    """Scores that differ."""
+
     n_agree: int = 0
+    """Number of scores that were computed again and agree."""
+
     n_common: int = 0
+    """How many of the scores that agree are on common pixels."""
+
     largest: float = 0.0
+    """The largest difference of the scores that agree, as a share of the score."""
+
     unchecked: dict[str, int] = field(default_factory=Counter)
+    """Number of scores that were not computed again, by reason."""
+
     needs_data: bool = False
+    """Whether some of the unchecked scores need the data."""
+
     other_versions: list[str] = field(default_factory=list)
+    """Metrics whose code here is not the code that made the scores."""
 
     def skip(self, reason: str, count: int = 1, of_data: bool = False) -> None:
         """Note scores that cannot be computed again. of_data: they can with the data."""
@@ -119,15 +131,10 @@ def verify(
     """
     rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
-    faults = {
-        name: fault
-        for name in progress.track(names, "hashes")
-        if (fault := bundle.fault_of(name))
-    }
+    found = {name: bundle.fault_of(name) for name in progress.track(names, "hashes")}
+    faults = [f"{name}: {fault}" for name, fault in found.items() if fault]
     scenes, data_faults = open_data(rows, data or {})
-    outcome = Outcome(
-        bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()]
-    )
+    outcome = Outcome(bundle.id, bundle.by, len(names), faults)
     outcome.faults += [*data_faults, *_wrong_meaning(rows)]
     if rows.empty:
         outcome.faults.append(f"{SCORES}: has no rows")
@@ -204,11 +211,12 @@ def _is_share(plugin: Plugin) -> bool:
 
 
 class _Opened(NamedTuple):
-    """A restoration of a bundle. restoration: its image is the restored image, NaN = a hole; image, view, reference:
-    names of the pictures, "" for what is not there.
-    """
+    """A restoration of a bundle."""
 
     restoration: Restoration
+    """Its image is the restored image, NaN = a hole."""
+
+    # Names of the pictures, "" for what is not there.
     image: str
     view: str
     reference: str
@@ -228,9 +236,8 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
         return None
     image = place.restored(Path(), row.method)
     files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
-    name, record_name, view, reference = (
-        name if (name := file.as_posix()) in bundle.inside else "" for file in files
-    )
+    names = map(Path.as_posix, files)
+    name, record_name, view, reference = (one if one in bundle.inside else "" for one in names)
     picture = picture_of(name)
     remedy = "ask who made the bundle"
     with reading(bundle.path / name, f"{remedy} for another"):
@@ -306,9 +313,8 @@ class _Check:
                 reason = "on common pixels of earlier restorations, which no table shows"
                 self._outcome.skip(reason, len(scores))
                 return
-            found = {
-                method: opened for method, row in whole.items() if (opened := self._opened(row))
-            }
+            every = {method: self._opened(row) for method, row in whole.items()}
+            found = {method: opened for method, opened in every.items() if opened}
             if len(found) < len(whole):
                 self._outcome.skip(_NO_PICTURES, len(scores))
                 return

@@ -30,7 +30,8 @@ class Run:
     """A run at work. status: as mlflow has it."""
 
     def __init__(self, client: MlflowClient, run_id: str) -> None:
-        self.id, self.status = run_id, "RUNNING"
+        self.id = run_id
+        self.status = "RUNNING"
         self._client = client
         self._logged = set[tuple[str, int, int]]()  # name, step and time of each value
         self._has_failed = False

@@ -260,7 +260,8 @@ class Runs:
 
     def _end_job(self, job: JobKey, rows: DataFrame) -> None:
         """Log a job's means, its table, and its restored pictures, and end it."""
-        run, scores = self._children[job], scores_of(rows)
+        run = self._children[job]
+        scores = scores_of(rows)
         when = stamp(rows["time"].max())
         means = scores.groupby("name", sort=False)["value"].mean()
         run.log_metrics((str(name), value, 0, when) for name, value in means.items())

@@ -78,7 +78,8 @@ def connect(place: Place) -> tuple[MlflowClient, str]:
     By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a store that
     mlflow cannot use: it would try for minutes, sqlite says at once why it cannot.
     """
-    file, artifacts = place.file, None
+    file = place.file
+    artifacts = None
     lock = Path(tempfile.gettempdir()) / f"sucre_bench-{place.hash}.lock"
     if file is not None:
         if awkward := set(str(file)) & set("?%#"):

@@ -26,7 +26,9 @@ from sucre_bench.compare.words import (
     verdict_text,
 )
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
+from sucre_bench.jobs.rerun import Rerun, metric_words
+from sucre_bench.jobs.word_syntax import shell, value_of
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.gallery import Gallery
@@ -55,8 +57,9 @@ _WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 def heading(column: Column) -> Content:
     """Return the head of a column. kind: "describes", without a better, and no cost: shown when asked for; or "dim"."""
-    describes = not column.directed and column.metric not in (*COSTS, FILLED)
-    count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
+    kind = "dim" if column.knows == "taste" else ""
+    if not column.directed and column.metric not in (*COSTS, FILLED):
+        kind = "describes"
     return {
         "key": column.key,
         "head": " ".join(
@@ -66,17 +69,19 @@ def heading(column: Column) -> Content:
         ),
         "below": [
             column.variant,
-            count,
+            counted(column.n_units, column.of),
             *(["common pixels"] if column.pixels == "common" else []),
         ],
         "better": column.better,
-        "kind": "describes" if describes else "dim" * (column.knows == "taste"),
+        "kind": kind,
     }
 
 
 def cells(table: Comparison, column: Column) -> list[Content | None]:
     """Return a column's cells, a method each, with the marks that every table gives them; None: no score."""
-    known = [cell for name in table.methods if (cell := table.cells.get((name, column)))]
+    known = [
+        table.cells[name, column] for name in table.methods if (name, column) in table.cells
+    ]
     ends = [
         end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)
     ]
@@ -122,18 +127,24 @@ def cells(table: Comparison, column: Column) -> list[Content | None]:
 
 @dataclass(frozen=True)
 class Section:
-    """A dataset on the page.
-
-    out: the run's folder; rows: all of the dataset's; table: of its methods; plugins: files they were loaded from;
-    places: of every method among all of the page, which give it its colour.
-    """
+    """A dataset on the page."""
 
     out: Path
+    """The run's folder."""
+
     rows: DataFrame
+    """All rows of the dataset."""
+
     table: Comparison
+    """Of its methods."""
+
     gallery: Gallery
+
     plugins: tuple[str, ...]
+    """Files they were loaded from."""
+
     places: Places
+    """Number of every method among all of the page, which gives the method its colour."""
 
     def content(self) -> Content:
         """Return what the template shows of the dataset, and under "data" what the script reads."""

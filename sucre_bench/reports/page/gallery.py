@@ -35,12 +35,16 @@ _QUALITY = 75
 
 @dataclass(frozen=True)
 class Block:
-    """A picture in the page. data: base64; about: attributes, such as the range of a map."""
+    """A picture in the page."""
 
     name: str
     kind: str
+
     data: str
+    """In base64."""
+
     about: dict[str, str] = field(default_factory=dict)
+    """Attributes, such as the range of a map."""
 
 
 class Gallery:

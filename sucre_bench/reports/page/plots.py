@@ -36,11 +36,16 @@ _TALL = 400
 
 @dataclass(frozen=True)
 class Choice:
-    """What a list on the page offers to show. name: in the list; figures: what it shows; table: in numbers, below."""
+    """What a list on the page offers to show."""
 
     name: str
+    """In the list."""
+
     figures: Sequence[Figure] = ()
+    """What it shows."""
+
     table: Any = None
+    """What it shows in numbers, below the figures."""
 
 
 def figure(
@@ -117,13 +122,14 @@ def legend(names: Sequence[str]) -> Figure:
 
 def cost(table: Comparison, column: Column, seconds: Column, places: Places) -> Figure | None:
     """Return a score against the seconds a view; None where no method has both. places: see `look`."""
-    known = [
-        (name, cell, took)
-        for name in table.methods
-        if (cell := table.cells.get((name, column)))
-        and (took := table.cells.get((name, seconds)))
-        if math.isfinite(cell.mean) and took.mean > 0
-    ]
+    known = []
+    for name in table.methods:
+        cell = table.cells.get((name, column))
+        took = table.cells.get((name, seconds))
+        if not cell or not took:
+            continue
+        if math.isfinite(cell.mean) and took.mean > 0:
+            known.append((name, cell, took))
     if not known:
         return None
     is_named = len(known) <= _MOST_NAMED
@@ -278,17 +284,21 @@ _MOST_SWATCHES = 40  # charts whose patches the page shows
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart of a view.
-
-    view: as the page calls it; distance: in metres, the same for every method; whole: its own scores; patches: those
-    of each patch, by name, in order of number.
-    """
+    """A chart of a view."""
 
     view: str
+    """As the page calls it."""
+
     name: str
+
     distance: float | None
+    """In metres, the same for every method."""
+
     whole: Scores
+    """Scores of the chart itself."""
+
     patches: Mapping[str, Scores]
+    """Scores of each patch, by name, in order of number."""
 
 
 def chart_content(
@@ -390,11 +400,8 @@ def _distances(
     key = column.key
     lines = []
     for name, place in methods.items():
-        known = [
-            (chart, value)
-            for chart in near_first
-            if (value := _at(chart.whole, key, name)) is not None
-        ]
+        pairs = [(chart, _at(chart.whole, key, name)) for chart in near_first]
+        known = [(chart, value) for chart, value in pairs if value is not None]
         words = [text(f"{chart.view} · {chart.name}") for chart, _ in known]
         hover = f"%{{text}}<br>%{{x:.2f}} m, %{{y:.3g}} {column.unit}"
         x = [chart.distance for chart, _ in known]

@@ -19,7 +19,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.words import NUMBERS, number, title
 from sucre_bench.jobs.job import plugin_files
-from sucre_bench.jobs.words import shell
+from sucre_bench.jobs.word_syntax import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.pages import filled_in, policy_hash, source

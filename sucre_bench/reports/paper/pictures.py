@@ -58,15 +58,16 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
             of_dataset["view"] != "", ["dataset", "scene", "view"]
         ].drop_duplicates()
         several = names["scene"].nunique() > 1
-        views = {
-            f"{scene} · {place.stem.name}" if several else place.stem.name: place
-            for dataset, scene, view in names.sort_values(["scene", "view"]).itertuples(
-                index=False
-            )
-            if not unreplicated(scene)[1]
-            and (place := layout.find(dataset, scene, view, out))
-            and place.original(out).is_file()
-        }
+        views = {}
+        for dataset, scene, view in names.sort_values(["scene", "view"]).itertuples(
+            index=False
+        ):
+            if unreplicated(scene)[1]:
+                continue
+            place = layout.find(dataset, scene, view, out)
+            if place and place.original(out).is_file():
+                name = place.stem.name
+                views[f"{scene} · {name}" if several else name] = place
         every = [*views.items()]
         views = dict(every[n] for n in evenly(len(every), _MOST_VIEWS))
         has_reference = any(place.reference(out).is_file() for place in views.values())

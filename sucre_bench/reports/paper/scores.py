@@ -49,9 +49,9 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
             looks = style.looks(comparison.methods)
             for column, panel in zip(shown, panels, strict=True):
                 scored = [
-                    (name, cell)
+                    (name, comparison.cells[name, column])
                     for name in comparison.methods
-                    if (cell := comparison.cells.get((name, column)))
+                    if (name, column) in comparison.cells
                 ]
                 # the photograph has no place
                 scored.sort(key=lambda each: each[1].place or math.inf)
@@ -198,13 +198,19 @@ _DRAWS = 4000
 
 @dataclass(frozen=True)
 class Agreement:
-    """tau: the mean over scenes; low, high: its 95 % interval, NaN over one scene; n_scenes: how many."""
+    """How far a score agrees with the metric that counts as the truth."""
 
     name: str
+
     tau: float
+    """The mean over scenes."""
+
+    # The 95 % interval of tau, NaN over one scene.
     low: float
     high: float
+
     n_scenes: int
+    """How many."""
 
 
 def agreements(comparisons: Sequence[Comparison], truth: str) -> list[Agreement]:

@@ -48,16 +48,18 @@ Drawn: TypeAlias = "tuple[Sequence[str], Figure | NotApplicableError]"
 
 @dataclass(frozen=True)
 class StudyResults:
-    """What tables and figures are made of.
-
-    rows: in the order that methods are to have; out: the results folder; made: comparisons of these rows by all
-    metrics, if there are some already.
-    """
+    """What tables and figures are made of."""
 
     study: Study
+
     rows: DataFrame
+    """In the order that methods are to have."""
+
     out: Path
+    """The results folder."""
+
     made: tuple[Comparison, ...] = ()
+    """Comparisons of these rows by all metrics, if there are some already."""
 
     @cached_property
     def comparisons(self) -> list[Comparison]:
@@ -96,36 +98,48 @@ class StudyResults:
 
 @dataclass(frozen=True)
 class Value:
-    """A value of the option.
-
-    word: as tables have it; number: None where it is none; is_given: whether anything is done; full: as rows have it.
-    """
+    """A value of the option."""
 
     word: str
+    """As tables have it."""
+
     number: float | None
+    """None where the value is no number."""
+
     is_given: bool = True
+    """Whether anything is done: False if the option is not given or None."""
+
     full: str = ""
+    """As rows have it."""
 
 
 @dataclass(frozen=True)
 class Along:
-    """One dataset's scores along an option.
-
-    axis: what figures call the option; values: in their natural order; lines: what tables call a method at a value;
-    scores: a line a value and method; changes: the same lines against the same method at `reference`; leads: the same
-    lines against the baseline at the same value, None without one.
-    """
+    """One dataset's scores along an option."""
 
     title: str
     option: str
+
     axis: str
+    """What figures call the option."""
+
     values: tuple[Value, ...]
+    """In their natural order."""
+
     reference: Value
     methods: tuple[str, ...]
+
     lines: Mapping[tuple[Value, str], str]
+    """What tables call a method at a value."""
+
     scores: Comparison
+    """A line a value and method."""
+
     changes: Comparison | None
+    """The same lines against the same method at `reference`."""
+
     leads: Comparison | None
+    """The same lines against the baseline at the same value, None without one."""
 
     @property
     def levels(self) -> list[Level]:
@@ -183,7 +197,8 @@ class Along:
         """Yield what is known of each value, method and score, for CSV; differences are of the score, in its unit."""
         for (value, method), line in self.lines.items():
             for column in self.scores.columns:
-                if not (cell := self.scores.cells.get((line, column))):
+                cell = self.scores.cells.get((line, column))
+                if cell is None:
                     continue
                 record: dict[str, Any] = {"dataset": self.title, self.option: value.word}
                 record |= {

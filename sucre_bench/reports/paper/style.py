@@ -41,10 +41,13 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 
 
 class Look(NamedTuple):
-    """How a method is drawn. colour: as #RRGGBB; marker: one of matplotlib's."""
+    """How a method is drawn."""
 
     colour: str
+    """As #RRGGBB."""
+
     marker: str
+    """One of matplotlib's."""
 
 
 def look() -> AbstractContextManager[None]:

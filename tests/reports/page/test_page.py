@@ -19,7 +19,7 @@ from sucre_bench import results
 from sucre_bench.compare import compare
 from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.jobs.words import Rerun
+from sucre_bench.jobs.rerun import Rerun
 from sucre_bench.reports import page as report
 from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row

@@ -1,19 +1,15 @@
-"""Words of a command: read by Hydra's grammar, written in it, and the command that makes a row again."""
+"""The words of a command: read by Hydra's grammar, and written in it and for a shell."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 import shlex
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import plugins
-from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
-from sucre_bench.plugins.options import options_of, plain_value
-from sucre_bench.plugins.plugin import Kind
 
 if TYPE_CHECKING:
     from hydra.core.config_loader import ConfigLoader
@@ -24,20 +20,28 @@ _NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
 
 @dataclass(frozen=True)
 class Word:
-    """A setting, typed or of an experiment.
-
-    key: as given; values: of which each job has one, none of an interval or an empty range;
-    text: the whole word; is_swept: whether labels name its value; is_glob: whether the values are all names that fit;
-    is_deleted: the key is taken out (~key); line: the word as Hydra is to read it.
-    """
+    """A setting, typed or of an experiment."""
 
     key: str
+    """As given."""
+
     values: tuple[Any, ...]
+    """Of which each job has one; none of an interval or an empty range."""
+
     text: str
+    """The whole word."""
+
     is_swept: bool = False
+    """Whether labels name its value."""
+
     is_deleted: bool = False
+    """Whether the key is taken out (~key)."""
+
     line: str = ""
+    """The word as Hydra is to read it."""
+
     is_glob: bool = False
+    """Whether the values are all names that fit."""
 
     @property
     def head(self) -> str:
@@ -85,7 +89,8 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
     from hydra.core.override_parser.types import Glob
     from hydra.errors import HydraException
 
-    parser, words = OverridesParser.create(loader), []
+    parser = OverridesParser.create(loader)
+    words = []
     for text in texts:
         key, equals, typed = text.partition("=")
         readable = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
@@ -94,7 +99,8 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
         try:
             (override,) = parser.parse_overrides([f"{key}{equals}{readable}"])
             values: list[Any] = [override.value()]
-            if is_swept := override.is_sweep_override():
+            is_swept = override.is_sweep_override()
+            if is_swept:
                 each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
                 values = [parser.parse_override(f"{key}={one}").value() for one in each]
         except HydraException as fault:
@@ -178,93 +184,6 @@ def value_of(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{" + ",".join(f"{k}:{value_of(v)}" for k, v in value.items()) + "}"
     return quoted(value) if isinstance(value, str) else repr(value)
-
-
-def undegraded_label(label: str, degrade: Mapping[str, Any], name: str) -> str:
-    """Return a dataset's label without what a degradation adds to it; name: of the dataset, where nothing is left."""
-    suffix = Degradation.of(degrade).labelled("") if degrade else ""
-    return label.removesuffix(suffix) or name
-
-
-@dataclass(frozen=True)
-class Rerun:
-    """How a method was run on a dataset, as a row tells it.
-
-    dataset, method: their labels; options: of the row, as `results.Row` keeps them; seed: the row's; files: plugins
-    that were loaded from a file. A row of before datasets were kept in it has no command.
-    """
-
-    dataset: str
-    method: str
-    options: Mapping[str, Any]
-    seed: int
-    files: tuple[str, ...] = ()
-
-    def words(self) -> list[str]:
-        """The command's words up to the views and metrics, without quotes; empty where the row does not tell them."""
-        dataset: Mapping[str, Any] = self.options.get("dataset") or {}
-        if "name" not in dataset or "name" not in self.options:
-            return []
-        degrade = self.options.get("degrade") or {}
-        label = undegraded_label(self.dataset, degrade, str(dataset["name"]))
-        settings = {
-            **_choosing("dataset", dataset, label),
-            **{f"degrade.{name}": value for name, value in degrade.items()},
-            **_choosing("method", self.method_record, self.method),
-        }
-        if replicate := self.options.get("replicate"):
-            settings["replicate"] = replicate
-        if self.seed and "seed" not in self.options:
-            settings["seed"] = int(self.seed)
-        files = [word for file in self.files for word in ("--plugin", file)]
-        said = [f"{key}={value_of(value)}" for key, value in settings.items()]
-        return ["sucre-bench", "run", *files, *said, "out=again"]
-
-    @property
-    def method_record(self) -> dict[str, Any]:
-        """The method's name, display and options."""
-        return {
-            name: value
-            for name, value in self.options.items()
-            if name not in ("dataset", "degrade", "replicate")
-        }
-
-    def given(self) -> dict[str, Any]:
-        """The method's options that are not as they are by default."""
-        return given("method", self.method_record)
-
-
-def _choosing(kind: Kind, record: Mapping[str, Any], label: str) -> dict[str, Any]:
-    """The settings that choose a dataset or method with the options of a record."""
-    changed = given(kind, record)
-    if label != record["name"]:
-        changed["label"] = label
-    return {kind: record["name"], **{f"{kind}.{name}": v for name, v in changed.items()}}
-
-
-def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any]:
-    """Return the options that differ from the plugin's defaults; all of them where the plugin is not there to be asked.
-
-    seed: the run's, which a plugin has that was given none.
-    """
-    plugin = plugins.get(kind, str(record.get("name")))
-    defaults: dict[str, Any] = {}
-    if plugin:
-        defaults = {option.name: option.default for option in options_of(plugin.cls)}
-        # of the run, unless it is given
-        defaults |= {"seed": seed, "display": plugin.display}
-    return {
-        name: v
-        for name, v in record.items()
-        if name != "name" and plain_value(defaults.get(name, ...)) != v
-    }
-
-
-def metric_words(metric: str, variants: Collection[str]) -> list[str]:
-    """The words that ask for variants of a metric, beside its name in metrics=[...]."""
-    plugin = plugins.get("metric", metric)
-    is_default = plugin is not None and set(variants) == set(plugin.default)
-    return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
 
 
 def shell(words: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
-from sucre_bench.jobs.words import first_line
+from sucre_bench.jobs.word_syntax import first_line
 
 if TYPE_CHECKING:
     from hydra._internal.hydra import Hydra
@@ -187,7 +187,8 @@ def current(config: DictConfig) -> Iterator[None]:
     """Let ${hydra:...} mean this configuration in this block."""
     from hydra.core.hydra_config import HydraConfig
 
-    known, before = HydraConfig.instance(), HydraConfig.instance().cfg
+    known = HydraConfig.instance()
+    before = known.cfg
     known.set_config(config)
     try:
         yield
