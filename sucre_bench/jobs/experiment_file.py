@@ -22,7 +22,17 @@ from sucre_bench.plugins.options import plain_value
 
 EXPERIMENT = "experiment.yaml"
 # Settings of a command that an experiment has where they are not as by default.
-_RECORDED = ("every", "first", "seed", "save", "baseline", "views", "plugins")
+_RECORDED = (
+    "every",
+    "first",
+    "seed",
+    "save",
+    "bits",
+    "colours",
+    "baseline",
+    "views",
+    "plugins",
+)
 
 
 def record_experiment(jobs: Sequence[Job]) -> None:

@@ -16,6 +16,7 @@ from support.messages import names, refused
 from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import recognised
+from sucre_bench.jobs.experiment_file import EXPERIMENT, record_experiment
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.word_syntax import quoted, shell, value_of
 from sucre_bench.machine import progress
@@ -214,6 +215,30 @@ def test_a_jobs_values_give_the_same_job_in_another_process():
             one.degrade,
         )
         assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
+
+
+def test_the_experiment_of_a_folder_repeats_its_jobs_with_all_settings(tmp_path: Path):
+    settings = {
+        "every": 2,
+        "first": 1,
+        "seed": 3,
+        "save": "full",
+        "bits": 16,
+        "colours": "stored",
+    }
+    words = [f"{name}={value}" for name, value in settings.items()]
+    made = jobs(
+        *words, "method.gain=1,2", "degrade.noise=0.1", f"out={tmp_path}", multirun=True
+    )
+    record_experiment(made.jobs)
+    again = compose_jobs.jobs([str(tmp_path / EXPERIMENT)], multirun=False)
+    for one, other in zip(made.jobs, again.jobs, strict=True):
+        assert (other.method, other.dataset, other.degrade) == (
+            one.method,
+            one.dataset,
+            one.degrade,
+        )
+        assert {name: getattr(other, name) for name in settings} == settings
 
 
 LETTERS = "\\'$ {}a1."
