@@ -472,17 +472,22 @@ def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> No
     np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
 
 
-def test_murk_above_the_ground_does_not_take_its_change() -> None:
+@pytest.mark.parametrize(("open_px", "reach_px"), [(0, 60), (150, 25)])
+def test_murk_above_the_ground_does_not_take_its_change(open_px: int, reach_px: int) -> None:
+    # Murk may be an overhang, unless it joins open water: a reef's change may reach less far into it there.
     rng = np.random.default_rng(0)
-    is_ground = np.mgrid[:300, :400][0] > 120
+    y, x = np.mgrid[:300, :400]
+    is_ground = y > 120
     ground = [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1))
     # more red than ground has
-    photograph = np.where(is_ground[..., None], ground, [0.4, 0.45, 0.45])
+    water = np.where((x < open_px)[..., None], [0.1, 0.5, 0.6], [0.4, 0.45, 0.45])
+    photograph = np.where(is_ground[..., None], ground, water)
     photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
     change = np.array([0.3, -0.1, -0.2], np.float32)
     made = with_open_water(photograph + change, is_ground, photograph)
     np.testing.assert_allclose(made[140:], photograph[140:] + change, atol=0.02)
-    assert np.abs(made[:60] - photograph[:60]).max() < 0.03
+    above = slice(0, 120 - reach_px)
+    assert np.abs(made[above] - photograph[above]).max() < 0.03
 
 
 @pytest.mark.parametrize("kind", LIMITS)
