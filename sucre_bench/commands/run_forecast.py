@@ -8,18 +8,23 @@ import click
 from sucre_bench.engine.forecast import Expected
 from sucre_bench.machine import terminal
 from sucre_bench.machine.progress import duration
+from sucre_bench.machine.text_formats import counted
 
 
 def show(found: Sequence[Expected]) -> None:
     """Print a line for each dataset and method."""
     table = terminal.table(("dataset", "method"), ("jobs", "views", "stored", "to do", "time"))
     for one in found:
-        to_do = one.views - one.stored
+        to_do = one.views - one.stored - one.skipped
         time = "?" if math.isnan(one.seconds) else duration(one.seconds)
         table.add_row(
             one.dataset, one.method, *map(str, (one.jobs, one.views, one.stored, to_do)), time
         )
     terminal.out.print(table)
+    for one in found:
+        if one.skipped:
+            views = counted(one.skipped, "view")
+            click.echo(f"{one.dataset} / {one.method}: {views} will be skipped: {one.lack}")
     total = math.fsum(one.seconds for one in found)
     if math.isnan(total):
         click.echo(

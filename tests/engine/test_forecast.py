@@ -3,10 +3,12 @@
 import math
 from pathlib import Path
 
+import numpy as np
 from support.command_line import run
 
 from sucre_bench import results
 from sucre_bench.engine.forecast import forecast
+from sucre_bench.imaging.image_files import write_png
 
 WORDS = ["dataset=toy", "metrics=[psnr,redness]", "tracking.uri=off"]
 
@@ -29,3 +31,11 @@ def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(
     assert run(out).ok == 3
     (after,) = forecast(words, False)
     assert (after.stored, after.seconds) == (3, 0)
+
+
+def test_views_that_lack_what_a_method_needs_are_not_counted_as_work(tmp_path: Path) -> None:
+    write_png(tmp_path / "a.png", np.zeros((8, 9, 3), np.uint8))
+    words = [f"dataset.root={tmp_path}", f"out={tmp_path / 'out'}", "tracking.uri=off"]
+    (one,) = forecast(["dataset=photos", "method=sucre", "metrics=[uciqe]", *words], False)
+    assert (one.views, one.stored, one.skipped, one.seconds) == (1, 0, 1, 0)
+    assert "depth" in one.lack
