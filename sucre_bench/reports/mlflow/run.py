@@ -88,7 +88,8 @@ class Run:
 
     def log_counts(self, rows: DataFrame) -> None:
         """Log how many views ended how."""
-        ended = restoration_rows(rows).drop_duplicates(["method", "scene", "view"])["status"]
+        view = ["dataset", "method", "scene", "view"]
+        ended = restoration_rows(rows).drop_duplicates(view)["status"]
         for how in ("ok", "failed", "skipped"):
             self._client.log_metric(self.id, f"views_{how}", float((ended == how).sum()))
 
