@@ -135,7 +135,8 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
         scores = measured.of([m for m, name in enumerate(measured.methods) if name in methods])
         made = [comparison.cells[name, column] for name in scores.methods]
         if baseline in scores.methods:
-            made = statistics.against(column, scores, made, scores.methods.index(baseline))
+            number = scores.methods.index(baseline)
+            made = statistics.against(column, scores, made, number, comparison.photographs)
         cells |= {(name, column): cell for name, cell in zip(scores.methods, made, strict=True)}
     return replace(comparison, methods=methods, cells=cells, baseline=baseline)
 

@@ -145,7 +145,8 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
     lines.append(legend(comparison, spread))
     for name in comparison.methods if comparison.baseline else ():
         parts = [
-            f"{name_in(comparison, c)} {round(cell.wins, 1):g}/{c.n_views}"
+            f"{name_in(comparison, c)} "
+            + (f"{round(cell.wins, 1):g}/{c.n_views}" if cell.change[0] else "equal")
             + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
             for c in comparison.columns
             if c.ranked

@@ -463,17 +463,25 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
 
 
 def against(
-    column: Column, scores: ColumnScores, cells: Sequence[Cell], baseline: int
+    column: Column,
+    scores: ColumnScores,
+    cells: Sequence[Cell],
+    baseline: int,
+    apart: Collection[str] = (),
 ) -> list[Cell]:
     """Return the cells with change, wins and effect against the baseline, the method of that number in `scores`.
 
-    The methods of `scores` are judged together.
+    The methods of `scores` are judged together, as in `cells`; each of those apart is judged alone.
     """
     if column.better == "none":
         return list(cells)
     half = np.full(len(cells), np.nan)
-    if scores.independent is not None:
-        half = changes(scores.independent, baseline)
+    alone = [m for m, name in enumerate(scores.methods) if name in apart and m != baseline]
+    together = [m for m in range(len(cells)) if m not in alone]
+    for family in (together, *([baseline, m] for m in alone)):
+        units = scores.of(family).independent
+        if units is not None and len(family) > 1:
+            half[family] = changes(units, family.index(baseline))
     made = []
     behinds = _behind(scores.views * column.sign, baseline, half)
     for cell, (change, lead) in zip(cells, behinds, strict=True):

@@ -208,7 +208,8 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False)
     if any(cell.holes for cell in cells):
         parts.append("○n: lacks n that others have")
     photographs = comparison.photographs if comparison.restorers else ()
-    return parts + [f"{name}: the photograph itself, which has no rank" for name in photographs]
+    how = "is judged alone" if comparison.baseline else "has no rank"
+    return parts + [f"{name}: the photograph itself, which {how}" for name in photographs]
 
 
 def resolution(comparison: Comparison) -> str:
@@ -271,7 +272,8 @@ def legend(
         )
         parts.append(f"intervals: bootstrap over {units}")
         scored = {name for name, column in comparison.cells if column.ranked}
-        n = len(scored.intersection(comparison.methods if baseline else comparison.restorers))
+        compared = {*comparison.restorers, *([baseline] if baseline else [])}
+        n = len(scored & compared)
         if n > 2:
             of = f"differences from {baseline or 'the best'}"
             parts.append(f"of {of}: step-down max-t over {n} methods")

@@ -374,6 +374,23 @@ def test_each_column_says_over_how_few_views_it_is():
     assert "psi: over 2 views" in block.text
 
 
+def test_the_photograph_beside_them_changes_no_difference_between_two_methods() -> None:
+    rng = np.random.default_rng(0)
+    scores = {name: list(rng.normal(mean, 1, 24)) for name, mean in (("a", 1.0), ("b", 0.5))}
+    photograph = {"photo": list(rng.normal(0, 1, 24))}
+    (plain,) = compared({"psnr": scores})
+    (beside,) = compared({"psnr": scores | photograph}, photograph="photo")
+    (against,) = compared({"psnr": scores | photograph}, photograph="photo", baseline="a")
+    behind = next(
+        cell for cell in plain.of(plain.columns[0]).values() if cell.place == 2
+    ).behind
+    for comparison in (beside, against):
+        column = comparison.columns[0]
+        cell = comparison.cells["b", column]
+        found = cell.change if comparison.baseline else cell.behind
+        assert sorted(map(abs, found)) == pytest.approx(sorted(map(abs, behind)), abs=1e-9)
+
+
 def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_by_nothing():
     scores = {
         "psnr": {key: [1.0, 2, 4] for key in "abc"},
