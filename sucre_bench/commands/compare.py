@@ -98,6 +98,7 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
+    from sucre_bench.compare.model import FILLED
     from sucre_bench.compare.terminal_table import as_blocks
     from sucre_bench.compare.words import left_out
 
@@ -114,8 +115,10 @@ def compare(
         if pixels == "common":
             rows = compare.on_pixels(rows, _common(folders, rows, common_rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
-    if not any(table.columns for table in compared):
-        notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
+    # the share that methods fill stands beside other scores alone
+    if all(column.metric == FILLED for table in compared for column in table.columns):
+        lost = [replace(t, notes=tuple(n for n in t.notes if not n.kind)) for t in compared]
+        notes = "; ".join(f"{t.title}: {note}" for t in lost for note in left_out(t))
         remedy = "mend that, and run again" if notes else "run methods into it first"
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
@@ -188,8 +191,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
     # of a picture alone nobody knows which is better
     up = "better" if column.ranked else column.better
-    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is {up}"
-    limit = f"limit {number(verdict.gate.limit)}"
+    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}"
+    limit = f"+ is {up}, limit {number(verdict.gate.limit)}"
     if verdict.outcome == "failed":
         views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)
         say(f"FAILED   {what} {by}, {limit}; worst views: {views}", "red")

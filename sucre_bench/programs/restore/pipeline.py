@@ -87,7 +87,7 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[Words, Words]:
         place = word.partition("=")[0]
         owner, dot, name = place.partition(".")
         if not dot or owner not in ("dataset", "method", method):
-            remedy = f"give options of the dataset or the method, for example {method}.display=none, or workers=4"
+            remedy = f"give dataset.NAME=VALUE, {method}.NAME=VALUE, or workers=4"
             raise InputError("is no option of the dataset or the method", word, remedy)
         known = option_names("method", method)
         if owner != "dataset" and known and name not in known:

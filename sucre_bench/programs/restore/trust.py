@@ -64,7 +64,7 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     if record.get("solver") == "none":
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
     if assumed := record.get("assumed"):
-        return f"the water of {_named(assumed)} was assumed"
+        return f"the veil of {_named(assumed)} is not determined"
     if rough := record.get("roughly_known"):
         return f"the water of {_named(rough)} is known only roughly"
     far = [
