@@ -408,3 +408,11 @@ def test_a_store_that_cannot_be_used_is_named_with_the_reason(
     store.mkdir() if content is None else store.write_bytes(content)
     with pytest.raises(InputError, match=r"store\.db: mlflow "):
         log(tmp_path / "out", Place(f"sqlite:///{store}", "sucre_bench"))
+
+
+def test_the_parent_counts_the_views_of_every_dataset(bench, out: Path, uri: str) -> None:
+    for noise in (0, 0.05):
+        bench(*RUN, "method=gain", f"degrade.noise={noise}", "tracking=off", "out=out")
+    bench("track", "out")
+    (parent,) = (run for run in runs(uri) if "method" not in run.data.tags)
+    assert parent.data.metrics["views_ok"] == 6
