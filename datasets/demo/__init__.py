@@ -56,7 +56,7 @@ class Demo:
     views: int = 16
     """How many views, from the farthest to the nearest; at least 2."""
     width: int = 640
-    """Width of the images in pixels; at least 64."""
+    """Width of the images in pixels; at least 64. Below 250, charts are too small to be measured."""
     height: int = 480
     """Height of the images in pixels; at least 48."""
     seed: int = 0

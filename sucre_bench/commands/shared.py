@@ -142,7 +142,7 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
         return
     from sucre_bench.errors import ANY_FAULT
     from sucre_bench.machine import processes, progress
-    from sucre_bench.programs.describe.faults import first_look
+    from sucre_bench.multiview.geometry_faults import first_look
 
     for (dataset, name), scene in list(scenes.items())[:_MOST_SCENES]:
         with contextlib.suppress(*ANY_FAULT):  # the run says what is wrong with the data

@@ -17,17 +17,11 @@ from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marke
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.describe.facts import (
-    Look,
-    Overlap,
-    Spread,
-    ViewFacts,
-    look_at,
-    overlaps,
-    placed,
-    spread_of,
-)
-from sucre_bench.programs.describe.faults import Fault, find_faults
+from sucre_bench.multiview.geometry_faults import Fault
+from sucre_bench.multiview.overlaps import Overlap, overlaps
+from sucre_bench.multiview.spread import Spread, spread_of
+from sucre_bench.programs.describe.facts import Look, ViewFacts, look_at, placed
+from sucre_bench.programs.describe.faults import find_faults
 from sucre_bench.scene import Water
 
 _BINS = 12

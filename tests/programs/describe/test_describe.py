@@ -22,8 +22,11 @@ from sucre_bench.camera import pixel_rays
 from sucre_bench.commands.data import describe
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.programs.describe.facts import Spread, look_at, overlaps, placed, spread_of
-from sucre_bench.programs.describe.faults import Fault, find_faults, first_look
+from sucre_bench.multiview.geometry_faults import Fault, first_look
+from sucre_bench.multiview.overlaps import overlaps
+from sucre_bench.multiview.spread import Spread, spread_of
+from sucre_bench.programs.describe.facts import look_at, placed
+from sucre_bench.programs.describe.faults import find_faults
 from sucre_bench.scene import Arrays, Chart, View
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from OpenCV axes to those of OpenGL
