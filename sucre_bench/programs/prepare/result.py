@@ -42,6 +42,7 @@ _ATTEMPTS = {
     "given": "by the given model",
 }
 # the page marks worse values
+_MILD_COVERAGE = 0.1
 _MILD_ERROR = 0.02
 
 
@@ -73,6 +74,11 @@ class Quality:
 
     interpolated: float = 0.0
     """Share of pixels whose place no photo measured."""
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the page says to check the image before using it."""
+        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
 
 
 @dataclass(frozen=True, slots=True)
