@@ -12,15 +12,15 @@ Every second view of the dive is one half. Each model is fitted to one half, and
   third. Water that is removed too much turns far ground.
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is at most 1.2 times the
-photograph's, or that of the first steps of the paper's Adam where these tell a water: a veil pales far ground, so a
-photograph drifts less. The admissible model of the least held-out error leads; of those within 5 %, the one that stands
-first in `_candidates`: fewer parts of light, footprints before pixels, since these are right where poses and depth are,
-and robust weights before equal ones. It must predict better than the paper's steps, or these are taken: drift, which
-sees differences of the ground too, does not rule them out. They stop near their start, so they must predict 5 % better
-than it does: a start that the views do not move is no measurement. The photograph stays if neither is 5 % better than
-no water, or than the light of the chosen model without its water: a lamp can explain views alone. It stays, too, if the
-chosen water is no better than the mean of its attenuation in all channels and no veil, since that is a lamp's falloff
-with distance. Each measure is the median over the targets.
+photograph's, or that of the first steps of the paper's Adam where these tell a water and leave no more negative: a veil
+pales far ground, so a photograph drifts less. The admissible model of the least held-out error leads; of those within 5
+%, the one that stands first in `_candidates`: fewer parts of light, footprints before pixels, since these are right
+where poses and depth are, and robust weights before equal ones. It must predict better than the paper's steps, or these
+are taken: drift, which sees differences of the ground too, does not rule them out. They stop near their start, so they
+must predict 5 % better than it does: a start that the views do not move is no measurement. The photograph stays if
+neither is 5 % better than no water, or than the light of the chosen model without its water: a lamp can explain views
+alone. It stays, too, if the chosen water is no better than the mean of its attenuation in all channels and no veil,
+since that is a lamp's falloff with distance. Each measure is the median over the targets.
 docs/supplement.md has the tables of real dives and of made seas behind this rule.
 """
 
@@ -485,7 +485,9 @@ class Court:
             and self.tells_water(known[model], model)
         ]
         steps = best(telling)[:1]
-        drifts = [known[model].drift for model in telling]
+        drifts = [
+            known[model].drift for model in telling if is_admissible(known[model], np.inf)
+        ]
         most_drift = _DRIFT * max([next(iter(known.values())).drift_of_photograph, *drifts])
         if leading := best(allowed, most_drift) or least_error:
             judge(
