@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     help="Format of the tables. All but terminal have 95 % intervals; csv and json have every column.",
 )
 @shared.flag("--json", "as_json", help="The same as --format json.")
-@shared.plugin_files_option
+@shared.plugin_option
 def compare(
     folders: Sequence[Path],
     by: Any,
@@ -84,7 +84,6 @@ def compare(
     spread: bool,
     how: Any,
     as_json: bool,
-    plugin_files: Sequence[str],
 ) -> None:
     """Compare the methods of one or more results folders: one table, and who leads.
 
@@ -97,13 +96,11 @@ def compare(
 
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
-    from sucre_bench import compare, plugins
+    from sucre_bench import compare
     from sucre_bench.compare.model import FILLED
     from sucre_bench.compare.terminal_table import as_blocks
     from sucre_bench.compare.words import left_out
 
-    for file in plugin_files:
-        plugins.load_file(file)
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError(

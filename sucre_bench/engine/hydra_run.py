@@ -81,9 +81,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         if isinstance(outcome, Outcome):
             return outcome
         # another sweeper's jobs: what the score table has since then
-        job = job_of(config)
-        rows = results.merge(job.out)
-        return outcome_of(job, rows, rows[rows["time"] >= started])
+        return outcome_of(job_of(config), started)
 
 
 def _check_hydra(config: DictConfig) -> None:

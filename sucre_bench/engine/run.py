@@ -30,7 +30,6 @@ from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import KEYS, restoration_rows, restorations, tuples, values_of
-from sucre_bench.results.table import read_common
 
 _MOST_VIEWS = 50  # whose records are read, evenly chosen
 _NUMBER = re.compile(r"\d+(\.\d+)?")
@@ -160,7 +159,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
                         run_alone(
                             "pairs of views", partial(score_across_views, planned), n_alone
                         )
-                    if compare.leaves_holes(results.merge(first.out)):
+                    if compare.leaves_holes(results.merge(first.out)[0]):
                         # else all methods fill the same pixels
                         on_common_pixels = partial(score_on_common_pixels, planned, first.out)
                         run_alone("common pixels", on_common_pixels, n_alone)
@@ -169,8 +168,8 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
         finally:
             if not crashed:  # else jobs may still be at work on a cluster
                 _remove_shared(command)
-            rows = results.merge(first.out)
-    return _outcome(rows, planned, interrupted, crashed)
+            rows, common = results.merge(first.out)
+    return _outcome(rows, common, planned, interrupted, crashed)
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
@@ -261,12 +260,6 @@ def _ends(
             yield status, is_cached, Fault(plan.name, task.view.name, reason)
 
 
-def _on_pixels(rows: DataFrame, out: Path) -> DataFrame:
-    """See `compare.on_pixels`; the table is read again only where a method leaves holes."""
-    has_common = compare.leaves_holes(rows)
-    return compare.on_pixels(rows, read_common(out) if has_common else results.frame([]))
-
-
 def _of(rows: DataFrame, restorations: Container[tuple[str, ...]]) -> DataFrame:
     """The rows of some restorations, each given by dataset, scene, view and method."""
     is_of = [key in restorations for key in values_of(rows, *KEYS)]
@@ -301,16 +294,20 @@ def _counted(
 
 
 def _outcome(
-    rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool
+    rows: DataFrame,
+    common: DataFrame,
+    planned: Sequence[Planned],
+    interrupted: bool,
+    crashed: bool,
 ) -> Outcome:
-    """Count what became of the requested restorations and scores. rows: the table after the run."""
+    """Count what became of the requested restorations and scores. rows, common: the table after the run."""
     metrics = defaultdict[tuple[str, ...], set[str]](set)  # of each requested restoration
     for plan in planned:
         names = {metric.plugin.name for metric in plan.job.metrics}
         for task in plan.tasks:
             metrics[plan.labels[0], task.base.scene, task.view.name, plan.labels[1]] |= names
     first = planned[0].job
-    scores = _on_pixels(rows, first.out)
+    scores = compare.on_pixels(rows, common)
     requested = _of(scores, metrics)
     is_asked = [
         name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
@@ -334,10 +331,12 @@ def _outcome(
     )
 
 
-def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
-    """Return the outcome of jobs that another sweeper chose. rows: the table after them; fresh: the rows of them."""
+def outcome_of(job: Job, started: str) -> Outcome:
+    """Return the outcome of jobs that another sweeper chose, whose rows are from this time on."""
+    rows, common = results.merge(job.out)
+    fresh = rows[rows["time"] >= started]
     restored = restoration_rows(fresh)
-    scores = _on_pixels(rows, job.out)
+    scores = compare.on_pixels(rows, common)
     return _counted(
         job,
         values_of(restored, "dataset", "method"),

@@ -337,8 +337,8 @@ def _write(path: Path, rows: pyarrow.Table) -> None:
     write_atomically(path, buffer.getvalue())
 
 
-def merge(out: Path) -> DataFrame:
-    """Join the parts into the table, and return what `read` returns.
+def merge(out: Path) -> tuple[DataFrame, DataFrame]:
+    """Join the parts into the table, and return what `read_both` returns.
 
     Safe beside jobs at work, whose files never change, and beside other processes that do the same.
     """
@@ -346,7 +346,7 @@ def merge(out: Path) -> DataFrame:
     import pyarrow
 
     if not out.is_dir():
-        return frame([])
+        return frame([]), frame([])
     with _locked(out):
         files, rows = _files(out, {})
         own, common = _newest(rows)
@@ -358,7 +358,7 @@ def merge(out: Path) -> DataFrame:
                 part.unlink(missing_ok=True)
             with suppress(OSError):  # a job has written a new part
                 (out / PARTS).rmdir()
-        return own
+        return own, common
 
 
 @contextlib.contextmanager
