@@ -56,7 +56,8 @@ class Demo:
     views: int = 16
     """How many views, from the farthest to the nearest; at least 2."""
     width: int = 640
-    """Width of the images in pixels; at least 64. Below 250, charts are too small to be measured."""
+    """Width of the images in pixels; at least 64. A view has the charts whose patches have 4 pixels: with 128
+    none."""
     height: int = 480
     """Height of the images in pixels; at least 48."""
     seed: int = 0

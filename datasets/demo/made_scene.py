@@ -44,7 +44,7 @@ class MadeScene:
     """What the camera recorded, (V, H, W, 3) uint8."""
 
     reference: Array
-    """The same without water, (V, H, W, 3) float32 in [0, 1], gamma-encoded."""
+    """The views without water, (V, H, W, 3) float32 in [0, 1], gamma-encoded."""
 
     depth: Array
     """In metres, planar, (V, H, W) float32."""

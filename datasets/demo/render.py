@@ -47,7 +47,7 @@ class Hits:
     """The triangle's cell of the ground, row by row, (P,); -1 on a board or nothing."""
 
     board: np.ndarray
-    """Its number, (P,); -1 where the ray meets none."""
+    """Number of the board, (P,); -1 where the ray meets none."""
 
 
 class RayCaster:

@@ -53,7 +53,7 @@ class Condition:
     """Beside a strobe."""
 
     fish: int = 0
-    """Views with fish."""
+    """Number of views with fish."""
 
     snow: float = 0
     """Share of pixels."""

@@ -41,7 +41,7 @@ class SourceOption:
     name: str
 
     words: tuple[str, ...]
-    """That name no file and no method, the default first."""
+    """Words that name no file and no method, the default first."""
 
     @property
     def typed(self) -> str:

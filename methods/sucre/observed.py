@@ -260,7 +260,7 @@ class Half(Dive):
     """A dive as half of its views show it."""
 
     footprints: Observations | None = None
-    """Those of the dive in these views."""
+    """Footprints of the dive in these views."""
 
     @cached_property
     def matched(self) -> Observations | None:

@@ -138,6 +138,11 @@ def ends_of(name: str, difference: Difference) -> dict[str, float]:
     return dict(zip((name, f"{name}_low", f"{name}_high"), difference, strict=True))
 
 
+def _differs(cell: Cell) -> bool:
+    """Whether scores differ from the baseline's: equal ones have no effect."""
+    return cell.change[0] != 0 or math.isfinite(cell.effect)
+
+
 def _below(comparison: Comparison, spread: bool) -> list[str]:
     """The notes below a table; with a baseline, also in how many views each method beats it, and the effect."""
     knows = deciding(comparison, every=True).knows_colours
@@ -146,7 +151,7 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
     for name in comparison.methods if comparison.baseline else ():
         parts = [
             f"{name_in(comparison, c)} "
-            + (f"{round(cell.wins, 1):g}/{c.n_views}" if cell.change[0] else "equal")
+            + (f"{round(cell.wins, 1):g}/{c.n_views}" if _differs(cell) else "equal")
             + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
             for c in comparison.columns
             if c.ranked

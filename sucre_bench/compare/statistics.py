@@ -179,7 +179,7 @@ class ColumnScores:
     """(V, M): means per view, no holes."""
 
     independent: Units | None
-    """The same by independent unit; None where there are no intervals."""
+    """The scores by independent unit; None where there are no intervals."""
 
     def of(self, methods: Sequence[int]) -> ColumnScores:
         """Return the scores of some methods, by their numbers."""
@@ -471,12 +471,14 @@ def against(
 ) -> list[Cell]:
     """Return the cells with change, wins and effect against the baseline, the method of that number in `scores`.
 
-    The methods of `scores` are judged together, as in `cells`; each of those apart is judged alone.
+    The methods of `scores` are judged together, as in `cells`; each of those apart is judged alone, unless all are.
     """
     if column.better == "none":
         return list(cells)
     half = np.full(len(cells), np.nan)
     alone = [m for m, name in enumerate(scores.methods) if name in apart and m != baseline]
+    if len(alone) == len(cells) - 1:  # as in `cells`
+        alone = []
     together = [m for m in range(len(cells)) if m not in alone]
     for family in (together, *([baseline, m] for m in alone)):
         units = scores.of(family).independent

@@ -208,8 +208,11 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False)
     if any(cell.holes for cell in cells):
         parts.append("○n: lacks n that others have")
     photographs = comparison.photographs if comparison.restorers else ()
-    how = "is judged alone" if comparison.baseline else "has no rank"
-    return parts + [f"{name}: the photograph itself, which {how}" for name in photographs]
+    how = ", which is judged alone" if comparison.baseline else ", which has no rank"
+    return parts + [
+        f"{name}: the photograph itself{'' if name == comparison.baseline else how}"
+        for name in photographs
+    ]
 
 
 def resolution(comparison: Comparison) -> str:
@@ -272,12 +275,13 @@ def legend(
         )
         parts.append(f"intervals: bootstrap over {units}")
         scored = {name for name, column in comparison.cells if column.ranked}
-        compared = {*comparison.restorers, *([baseline] if baseline else [])}
+        restorers = comparison.restorers or comparison.methods
+        compared = {*restorers, *([baseline] if baseline else [])}
         n = len(scored & compared)
         if n > 2:
             of = f"differences from {baseline or 'the best'}"
             parts.append(f"of {of}: step-down max-t over {n} methods")
-        elif n == 2:
+        elif n == 2 or (baseline and len(scored) > 1):
             parts.append("of the difference: Student's")
     return "; ".join(filter(None, parts))
 

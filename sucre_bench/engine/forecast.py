@@ -25,7 +25,7 @@ class Expected:
     stored: int
 
     skipped: int
-    """Views that lack what the method needs."""
+    """Views of scenes that lack what the method needs. A view that alone lacks a depth map counts as one to do."""
 
     lack: str
     """What the first of these needs; "" if there is none."""

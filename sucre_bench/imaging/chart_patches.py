@@ -36,7 +36,7 @@ class PatchReading:
     """Pixels with a colour, of which the median is taken."""
 
     coverage: float
-    """Their share of all pixels there, 0 to 1."""
+    """Share of pixels with a colour among all pixels there, 0 to 1."""
 
 
 def measure(shown: Array, chart: Chart) -> list[PatchReading]:

@@ -82,7 +82,7 @@ def _announce_compiling() -> None:
                 return
             self.is_said = True
             _tell(
-                "compiling loops that were not needed here before; each once after an installation or update"
+                "compiling loops that were not needed before; each once after an installation or update"
             )
 
         def on_end(self, event: object) -> None:

@@ -46,7 +46,7 @@ class Surface:
     """The corners of the frustum piece that holds a tile's points, (3, 8, T) float64."""
 
     corners: Array
-    """The same for all points together, (3, 8, 1) float64."""
+    """The corners of the frustum piece that holds all points, (3, 8, 1) float64."""
 
     def only(self, pixels: Indices) -> Surface:
         """Return the surface with some of its pixels: flat indices into the target."""

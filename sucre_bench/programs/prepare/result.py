@@ -77,7 +77,7 @@ class Quality:
 
     @property
     def is_poor(self) -> bool:
-        """Whether the page says to check the image before using it."""
+        """Whether the page shows the image's line in red."""
         return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
 
 

@@ -373,7 +373,7 @@ class PreparedDive:
     """Folder of the maps that say how each pixel got its depth."""
 
     photographs: Path
-    """The folder that they are in."""
+    """Folder of the photographs."""
 
     lenses: tuple[Lens, ...]
     """Of its cameras."""

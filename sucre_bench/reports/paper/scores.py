@@ -210,7 +210,7 @@ class Agreement:
     high: float
 
     n_scenes: int
-    """How many."""
+    """Number of scenes."""
 
 
 def agreements(comparisons: Sequence[Comparison], truth: str) -> list[Agreement]:

@@ -136,10 +136,10 @@ class Along:
     """A line a value and method."""
 
     changes: Comparison | None
-    """The same lines against the same method at `reference`."""
+    """The lines of `scores` against the same method at `reference`."""
 
     leads: Comparison | None
-    """The same lines against the baseline at the same value, None without one."""
+    """The lines of `scores` against the baseline at the same value, None without one."""
 
     @property
     def levels(self) -> list[Level]:
