@@ -13,8 +13,8 @@ Every second view of the dive is one half. Each model is fitted to one half, and
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is at most 1.2 times the
 photograph's, or that of the first steps of the paper's Adam where these tell a water and leave no more negative: a veil
-pales far ground, so a photograph drifts less. The admissible model of the least held-out error leads; of those within 5
-%, the one that stands first in `_candidates`: fewer parts of light, footprints before pixels, since these are right
+pales far ground, so a photograph drifts less. The admissible model of the least held-out error leads; of those within
+5 %, the one that stands first in `_candidates`: fewer parts of light, footprints before pixels, since these are right
 where poses and depth are, and robust weights before equal ones. It must predict better than the paper's steps, or these
 are taken: drift, which sees differences of the ground too, does not rule them out. They stop near their start, so they
 must predict 5 % better than it does: a start that the views do not move is no measurement. The photograph stays if

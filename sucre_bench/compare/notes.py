@@ -109,9 +109,8 @@ def notes(
         if column.n_units == 0:
             text = f"{METRICS}: no {column.of} that {listed(values.columns)} all have"
             yield Note(text, columns=(column,))
-    if all(
-        column.metric == FILLED for column in scores
-    ):  # why none of the requested metrics scored a method that did restore
+    # why none of the requested metrics scored a method that did restore
+    if all(column.metric == FILLED for column in scores):
         unscored = rows[rows["_asked"] & (rows["status"] != "ok")]
         for name in filter(restored.get, methods):
             pairs = values_of(unscored[unscored["method"] == name], "status", "reason")

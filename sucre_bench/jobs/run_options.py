@@ -57,7 +57,7 @@ FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 @dataclass(frozen=True)
 class Study:
-    """What is made of the rows of a sweep."""
+    """The tables and figures that an experiment makes of the rows of a sweep."""
 
     name: str = ""
     """Of its files."""
