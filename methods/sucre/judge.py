@@ -21,6 +21,9 @@ must predict 5 % better than it does: a start that the views do not move is no m
 neither is 5 % better than no water, or than the light of the chosen model without its water: a lamp can explain views
 alone. It stays, too, if the chosen water is no better than the mean of its attenuation in all channels and no veil,
 since that is a lamp's falloff with distance. Each measure is the median over the targets.
+
+What is wrong alike in many views (light, depth, poses) shows in no residual. So the water's errors count, too, how far
+the waters of the halves lie apart, and those of other admissible models that predict as well (`disagreement`).
 docs/supplement.md has the tables of real dives and of made seas behind this rule.
 """
 
@@ -28,7 +31,8 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -97,6 +101,9 @@ class Verdict:
     is_in_air: bool = False
     """Whether nothing dims the images."""
 
+    disagreement: Sequence[Sequence[Sequence[float]]] | None = None
+    """Covariance of B, beta and gamma (3 channels, 3, 3) among waters that predict unseen views as well."""
+
 
 def judging(options: Any) -> Any:
     """Return the options that decide a method's model and common water, so that methods of one run share a verdict."""
@@ -127,7 +134,7 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
         with suppress(OSError, ValueError, LookupError, TypeError):
             stored = json.loads(path.read_bytes())
             judged = tuple(Judged(**one) for one in stored["judged"])
-            return Verdict(by_words[stored["model"]], judged, is_in_air=stored["is_in_air"])
+            return Verdict(**{**stored, "model": by_words[stored["model"]], "judged": judged})
         return None
 
     def make(path: Path) -> Verdict:
@@ -510,7 +517,28 @@ class Court:
         )
         others = sorted(known.values(), key=lambda one: one.held_out)
         in_order = tuple(sorted(others, key=lambda one: one.model != chosen.words))
-        return Verdict(chosen, in_order, is_in_air=is_clear)
+        disagreement = None if chosen == NO_WATER else self.disagreement(chosen, known)
+        return Verdict(chosen, in_order, is_in_air=is_clear, disagreement=disagreement)
+
+    def disagreement(
+        self, chosen: Model, known: Mapping[Model, Judged]
+    ) -> list[list[list[float]]]:
+        """Return the covariance of B, beta and gamma (3 channels, 3, 3) among waters as good as the chosen model's.
+
+        They are those of its fits to the halves, and of other models that predict as well.
+        """
+        *halves, whole = (fit.water.by_channel() for fit in self.fitted[chosen])
+        as_good = _TIE * known[chosen].held_out
+        equals = [
+            self.fitted[model][-1].water.by_channel() - whole
+            for model, one in known.items()
+            if is_admissible(one, np.inf) and one.held_out <= as_good
+        ]
+        apart = [each / math.sqrt(len(equals)) for each in equals]
+        if len(halves) == 2:
+            apart.append((halves[0] - halves[1]) / 2)
+        each = np.reshape(apart, (-1, 3, 3))
+        return np.einsum("kci,kcj->cij", each, each).tolist()
 
 
 def is_admissible(judged: Judged, most_drift: float) -> bool:

@@ -48,10 +48,8 @@ from sucre_bench.methods.sucre.robust import (
 )
 from sucre_bench.methods.sucre.solution import Course, LightRecord, Solution, coloured
 from sucre_bench.methods.sucre.uncertainty import (
-    FAR_COLOURS,
     WaterUncertainty,
     clustered,
-    far_colours,
     rescaled_to_noise,
     uncertainty_of,
 )
@@ -235,7 +233,6 @@ def stepped(model: Model, seen: Observed) -> Solution:
 def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observations) -> Fitted:
     """Return the water of observations in even light, with the errors that the light adds, and what to say of it."""
     light = found.light
-    median, far = np.quantile(even.distance, (0.5, 0.95))
     uncertainty = fitted.uncertainty
     before = uncertainty.standard_error.by_channel()
     error = np.fmax(before, found.error)
@@ -249,13 +246,11 @@ def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observati
     uncertainty = replace(
         uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike
     )
-    is_mixed = bool((found.error[:, 1] * median >= _LOOSE).any())
+    is_mixed = bool((found.error[:, 1] * np.median(even.distance) >= _LOOSE).any())
     said = [
         f"{one}; {_MIXED}" if is_mixed else one
         for one in sentences_of(light, seen.matched or even)
     ]
-    if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
-        said += far_colours(error[:, 1] * far)
     by_view = zip(
         light.views,
         np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains),

@@ -30,7 +30,13 @@ from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, stepped
 from sucre_bench.methods.sucre.observed import TOGETHER, Dive, Observed
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Course, Solution
-from sucre_bench.methods.sucre.uncertainty import CHANNELS, is_determined
+from sucre_bench.methods.sucre.uncertainty import (
+    CHANNELS,
+    UNKNOWN,
+    WaterUncertainty,
+    is_determined,
+    with_disagreement,
+)
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Scene
 
@@ -109,11 +115,15 @@ def _restored(
             [],
         )
     if options.water == "shared":
-        return _in_water_of_dive(seen, options, verdict.model)
+        return _in_water_of_dive(seen, options, verdict)
     if verdict.model.fit is Fit.EARLY:
         # its colours stop near the photograph's, as its water stops near its start
-        return seen, _unless_guessed(seen, stepped(verdict.model, seen)), []
-    even, solution = _coloured(seen, fit_model(verdict.model, seen))
+        early = stepped(verdict.model, seen)
+        early = replace(early, uncertainty=_doubted(early.uncertainty, verdict))
+        return seen, _unless_guessed(seen, early), []
+    fitted = fit_model(verdict.model, seen)
+    fitted = replace(fitted, uncertainty=_doubted(fitted.uncertainty, verdict))
+    even, solution = _coloured(seen, fitted)
     negative = _most_negative(solution)
     is_dark = negative > MOST_NEGATIVE
     has_own = is_determined(solution.uncertainty) and not is_dark
@@ -122,7 +132,7 @@ def _restored(
     )
     if has_common and not has_own:
         with suppress(SolveError):
-            even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict.model)
+            even_in_dive, in_dive, words = _in_water_of_dive(seen, options, verdict)
             is_fit = _most_negative(in_dive) < max(negative, MOST_NEGATIVE)
             if is_fit and not in_dive.is_photograph:
                 why = _NEGATIVE.format(negative) if is_dark else _UNDETERMINED
@@ -135,14 +145,22 @@ def _most_negative(solution: Solution) -> float:
     return float((solution.J < 0).mean(axis=1).max())
 
 
+def _doubted(uncertainty: WaterUncertainty, verdict: Verdict) -> WaterUncertainty:
+    """Return the uncertainty of a water with the disagreement of waters that are as good."""
+    if verdict.disagreement is None:
+        return uncertainty
+    return with_disagreement(uncertainty, np.array(verdict.disagreement))
+
+
 def _in_water_of_dive(
-    seen: Observed, options: Any, model: Model
+    seen: Observed, options: Any, verdict: Verdict
 ) -> tuple[Observed, Solution, list[str]]:
     """Return the view in even light, its solution in the common water of the dive, and what to say."""
-    fitted = _of_dive(seen.scene, judging(options), model)
+    fitted = _of_dive(seen.scene, judging(options), verdict.model)
     if isinstance(fitted, SolveError):
         # a new one: a traceback holds what a view has in memory
         raise type(fitted)(*fitted.args)
+    fitted = replace(fitted, uncertainty=_doubted(fitted.uncertainty, verdict))
     if fitted.light is None or fitted.light.is_known_of(seen.view.name):
         return *_coloured(seen, fitted), []
     light = fitted.light.with_typical(seen.view.name)
@@ -169,7 +187,10 @@ def _coloured(seen: Observed, fitted: Fitted) -> tuple[Observed, Solution]:
             limit for limit in fitted.uncertainty.limits if not limit.startswith(CHANNELS)
         ]
         uncertainty = replace(
-            fitted.uncertainty, limits=(_AIR, *others), is_weak=(False, False, False)
+            fitted.uncertainty,
+            limits=(_AIR, *others),
+            is_weak=(False, False, False),
+            standard_error=UNKNOWN,
         )
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)

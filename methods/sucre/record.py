@@ -34,6 +34,7 @@ from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Solution
 from sucre_bench.methods.sucre.uncertainty import (
     CHANNELS,
     WaterUncertainty,
+    errors_said,
     is_determined,
     roughly_known,
 )
@@ -123,7 +124,11 @@ def restoration(
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     far = float(np.quantile(observations.distance, _FAR_GROUND))
-    limits = [*uncertainty.limits, *faults_of_colours(negative, unknown, options)]
+    limits = [
+        *uncertainty.limits,
+        *errors_said(solution.water, uncertainty, far),
+        *faults_of_colours(negative, unknown, options),
+    ]
     info = {
         "cost": solution.cost,
         "negative_share": negative,
@@ -146,9 +151,7 @@ def restoration(
         "assumed": [
             name for name, is_weak in zip(CHANNELS, uncertainty.is_weak, strict=True) if is_weak
         ],
-        "roughly_known": roughly_known(
-            solution.water.by_channel(), uncertainty.standard_error.by_channel()
-        ),
+        "roughly_known": roughly_known(solution.water, uncertainty),
         "far_error": dict(zip(CHANNELS, uncertainty.standard_error.beta * far, strict=True)),
         **plain(solution.course),
         "stage_seconds": stage_seconds,

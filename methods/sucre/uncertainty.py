@@ -37,7 +37,9 @@ _LOOSE = 0.5
 
 # From this error on, as a share, colours of far ground get a word.
 _WRONG = 0.1
-FAR_COLOURS = "colours of far ground may be wrong by"
+
+# Errors of a water that is not estimated.
+UNKNOWN = WaterParameters.of_channels(np.full((3, 3), np.nan))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,34 +116,41 @@ def clustered(
             whole = np.zeros((3, 3))
             whole[np.ix_(k, k)] = covariance
             alike[c] = whole if whole.trace() > alike[c].trace() else alike[c]
-    rows = water.by_channel()
-    loose = [
-        _loose(c, rows, error)
-        for c in range(3)
-        if not (uncertainty.is_weak[c] or _loose(c, rows, before))
-    ]
-    far = float(np.quantile(observations.distance, 0.95))
-    limits = (*uncertainty.limits, *filter(None, loose), *far_colours(error[:, 1] * far))
+    return replace(uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike)
+
+
+def with_disagreement(uncertainty: WaterUncertainty, among: Array) -> WaterUncertainty:
+    """Return the uncertainty with the covariance (3 channels, 3, 3) among waters that are as good."""
+    before = uncertainty.covariance if uncertainty.alike is None else uncertainty.alike
+    spread = np.sqrt(np.einsum("cii->ci", among))
+    error = np.hypot(uncertainty.standard_error.by_channel(), spread)
     return replace(
         uncertainty,
         standard_error=WaterParameters.of_channels(error),
-        limits=limits,
-        alike=alike,
+        alike=before + among,
     )
 
 
-def far_colours(wrong: Array) -> list[str]:
-    """Say by how much (3,) colours of far ground may be wrong, as a share, if that is much."""
+def errors_said(water: WaterParameters, uncertainty: WaterUncertainty, far: float) -> list[str]:
+    """Say what is known only roughly, and by how much colours at a distance far, m, may be wrong if that is much."""
+    rows, errors = water.by_channel(), uncertainty.standard_error.by_channel()
+    said = []
+    for c, colour in enumerate(CHANNELS):
+        loose = [
+            f"{name} {value:.3g} ± {spread:.2g}"
+            for name, value, spread in zip(_PARAMETERS, rows[c], errors[c], strict=True)
+            if _is_loose(value, spread)
+        ]
+        if loose and not uncertainty.is_weak[c]:
+            said.append(f"{colour}: is known only roughly: {', '.join(loose)}")
     many = [
         f"{colour} {share:.0%}"
-        for colour, share in zip(CHANNELS, wrong, strict=True)
+        for colour, share in zip(CHANNELS, errors[:, 1] * far, strict=True)
         if share > _WRONG
     ]
-    return (
-        [f"light or water differs between places or views, so {FAR_COLOURS} {', '.join(many)}"]
-        if many
-        else []
-    )
+    if many:
+        said.append(f"colours of far ground may be wrong by {', '.join(many)}")
+    return said
 
 
 def _cluster_sums(
@@ -178,9 +187,8 @@ def _summed(rows: Array, cluster: Indices, n: int) -> Array:
 def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
     """Return the uncertainty when the water is known from elsewhere: colours have noise, the water has no error."""
     kept = (_TOO_FEW,) if np.isnan(uncertainty.noise).any() else ()
-    error = WaterParameters.of_channels(np.full((3, 3), np.nan))
     return replace(
-        uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=error, limits=kept
+        uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=UNKNOWN, limits=kept
     )
 
 
@@ -222,7 +230,7 @@ def uncertainty_of(
         covariance = TIED.T @ covariance @ TIED
         error = error[:, [0, 1, 1]]
         informed = informed[:, [0, 1, 1]]
-    limits = _limits(water.by_channel(), error, free, informed, dead, weak)
+    limits = _limits(water.by_channel(), free, informed, dead, weak)
     if n_excess <= 3:
         limits.append(_TOO_FEW)
     is_weak = bool(weak[0]), bool(weak[1]), bool(weak[2])
@@ -231,9 +239,7 @@ def uncertainty_of(
     )
 
 
-def _limits(
-    water: Array, error: Array, free: Mask, informed: Mask, dead: Mask, weak: Mask
-) -> list[str]:
+def _limits(water: Array, free: Mask, informed: Mask, dead: Mask, weak: Mask) -> list[str]:
     limits = []
     for c, colour in enumerate(CHANNELS):
         if dead[c]:
@@ -242,7 +248,6 @@ def _limits(
         if weak[c]:
             limits.append(f"{colour}: {_TYPICAL if water[c, 0] else _NO_VEIL}")
             continue
-        limits += filter(None, [_loose(c, water, error)])
         for which, why in (
             (~informed[c], "cannot be told from these views"),
             (informed[c] & ~free[c], "at the end of the range"),
@@ -252,25 +257,13 @@ def _limits(
     return limits
 
 
-def roughly_known(water: Array, error: Array) -> list[str]:
-    """Return the channels with a parameter (3, 3) whose standard error (3, 3) is large."""
-    is_loose = _are_loose(water, error)
+def roughly_known(water: WaterParameters, uncertainty: WaterUncertainty) -> list[str]:
+    """Return the channels with a parameter whose standard error is large."""
+    is_loose = _is_loose(water.by_channel(), uncertainty.standard_error.by_channel())
     return [
         name for name, of_channel in zip(CHANNELS, is_loose, strict=True) if of_channel.any()
     ]
 
 
-def _are_loose(water: Array, error: Array) -> Mask:
-    return np.asarray(error > _LOOSE * np.abs(water))
-
-
-def _loose(c: int, water: Array, error: Array) -> str:
-    """Name the parameters of a channel whose standard errors (3, 3) are large."""
-    loose = [
-        f"{name} {value:.3g} ± {spread:.2g}"
-        for name, value, spread, is_loose in zip(
-            _PARAMETERS, water[c], error[c], _are_loose(water[c], error[c]), strict=True
-        )
-        if is_loose
-    ]
-    return f"{CHANNELS[c]}: is known only roughly: {', '.join(loose)}" if loose else ""
+def _is_loose(value: Array, error: Array) -> Mask:
+    return np.asarray(error > _LOOSE * np.abs(value))

@@ -16,7 +16,7 @@ from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import colours_for_water
-from sucre_bench.methods.sucre.uncertainty import clustered, uncertainty_of
+from sucre_bench.methods.sucre.uncertainty import clustered, errors_said, uncertainty_of
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 pytestmark = pytest.mark.short
@@ -113,7 +113,9 @@ def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(
 ) -> None:
     observations = differing(jitter, seed=0)
     found = fit(observations)
-    limits = " ".join(clustered(found.uncertainty, observations, found.water).limits)
+    known = clustered(found.uncertainty, observations, found.water)
+    far = float(np.quantile(observations.distance, 0.95))
+    limits = " ".join(errors_said(found.water, known, far))
     assert ("colours of far ground may be wrong by" in limits) == is_said
 
 
