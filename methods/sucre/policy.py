@@ -119,7 +119,9 @@ def _restored(
     if verdict.model.fit is Fit.EARLY:
         # its colours stop near the photograph's, as its water stops near its start
         early = stepped(verdict.model, seen)
-        early = replace(early, uncertainty=_doubted(early.uncertainty, verdict))
+        uncertainty = _doubted(early.uncertainty, verdict)
+        growth = seen.coloured(early.water, uncertainty).growth
+        early = replace(early, uncertainty=uncertainty, growth=growth)
         return seen, _unless_guessed(seen, early), []
     fitted = fit_model(verdict.model, seen)
     fitted = replace(fitted, uncertainty=_doubted(fitted.uncertainty, verdict))
