@@ -66,9 +66,6 @@ _STARTED = 1_500
 # From here on, a channel may have been cut off.
 _FULL = 0.99
 
-# beta is not told from the light where its standard error over the median distance is above this optical depth.
-_LOOSE = 0.1
-
 # Gains of this much are worth a word: of exposure, and of channels.
 _DIFFERENT = {1: 0.05, 3: 0.01}
 
@@ -80,8 +77,6 @@ _ALIKE = 1.5
 
 # Less optical depth than this over the farthest distances is none. Pure water has as much in red over half a metre.
 _AS_IN_AIR = 0.15
-
-_MIXED = "distances do not separate it from attenuation, so colours of far ground may be wrong"
 
 
 class Fit(Enum):
@@ -246,11 +241,7 @@ def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observati
     uncertainty = replace(
         uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike
     )
-    is_mixed = bool((found.error[:, 1] * np.median(even.distance) >= _LOOSE).any())
-    said = [
-        f"{one}; {_MIXED}" if is_mixed else one
-        for one in sentences_of(light, seen.matched or even)
-    ]
+    said = list(sentences_of(light, seen.matched or even))
     by_view = zip(
         light.views,
         np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains),
