@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
@@ -24,6 +24,7 @@ from sucre_bench.jobs.read_words import read, reading_experiment
 from sucre_bench.jobs.word_syntax import parse, value_of
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now
+from sucre_bench.plugins.plugin import Plugin
 
 if TYPE_CHECKING:
     from hydra.core.utils import JobReturn
@@ -59,6 +60,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             with open_dict(config):
                 config.hydra.overrides.hydra = [*shared, unnamed]
                 config.hydra.overrides.task = swept
+                _with_direction(config, shared)
         _check_hydra(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context = _context(config)
@@ -192,16 +194,59 @@ def run_launched(config: DictConfig) -> float | None:
     return _objective(job) if job.objective else None
 
 
+# What has a sweeper look for the largest value: its setting, by the key of its configuration.
+_MAXIMISE: Mapping[str, Any] = {
+    "direction": "maximize",  # optuna
+    "optim.maximize": True,  # nevergrad
+    "ax_config.experiment.minimize": False,
+}
+
+
+def _with_direction(config: DictConfig, words: Sequence[str]) -> None:
+    """Have another sweeper look for the largest objective where more is better, unless words say what it looks for."""
+    from omegaconf import OmegaConf, read_write
+
+    job = job_of(config)
+    if not job.objective:
+        return
+    metric, variant = _objective_of(job)
+    if metric.better_of(variant) != "higher":
+        return
+    for key, value in _MAXIMISE.items():
+        is_given = any(word.lstrip("+").startswith(f"hydra.sweeper.{key}=") for word in words)
+        if not is_given and OmegaConf.select(config.hydra.sweeper, key) is not None:
+            with read_write(config.hydra.sweeper):
+                OmegaConf.update(config.hydra.sweeper, key, value)
+
+
+def _objective_of(job: Job) -> tuple[Plugin, str]:
+    """Return the metric and variant that a sweeper optimises. InputError if the job has no such score."""
+    name, _, variant = job.objective.replace(":", ".", 1).partition(".")
+    for metric in job.metrics:
+        chosen = variant or metric.variants[0]
+        if metric.plugin.name == name and chosen in metric.variants:
+            return metric.plugin, chosen
+    known = [f"{metric.plugin.name}.{one}" for metric in job.metrics for one in metric.variants]
+    raise InputError(
+        "is no score of this run",
+        f"objective={job.objective}",
+        f"give one of {', '.join(known)}, or another metrics=[...]",
+    )
+
+
 def _objective(job: Job) -> float:
-    """The mean of the job's objective over its views. InputError if it has none."""
-    metric, _, variant = job.objective.replace(":", ".", 1).partition(".")
+    """The mean of the job's objective over its views, of each its mean over charts. InputError if none has a score."""
+    metric, variant = _objective_of(job)
     rows: Any = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
-    rows = rows[
-        (rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")
-    ]
-    values = rows[rows["variant"] == variant]["value"] if variant else rows["value"]
-    if values.empty:
+    is_score = (rows["metric"] == metric.name) & (rows["variant"] == variant)
+    rows = rows[is_score & (rows["status"] == "ok")]
+    whole = rows[rows["region"] == "image"]
+    if whole.empty:
+        whole = rows[~rows["region"].str.contains("/")]
+    if whole.empty:
         raise InputError(
-            "has no value", f"objective={job.objective}", "give METRIC.VARIANT of metrics=[...]"
+            "no view has a score",
+            f"objective={job.objective}",
+            "give a metric that these data have",
         )
-    return float(values.mean())
+    return float(whole.groupby(["scene", "view"])["value"].mean().mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -430,6 +431,24 @@ def _made(choice: Choice, out: Path) -> Any:
         raise InputError(one_line(fault), choice.plugin.name, "mend its options") from fault
 
 
+def _replaces_other_data(
+    plan: Planned, data_of: Mapping[tuple[str, str], Mapping[str, str]]
+) -> bool:
+    """Whether a job's dataset has other options and other data than the stored rows with its label.
+
+    data_of: of stored rows, the dataset's options by data_id, by label and scene. Other data with the same options are
+    files that changed, which are restored again.
+    """
+    dataset = plan.job.dataset
+    own = results.fingerprint(dataset.record)[0]
+    for scene, data_id in {(task.base.scene, task.base.data_id) for task in plan.tasks}:
+        stored = data_of.get((dataset.label, scene), {})
+        is_known = data_id in stored or own in stored.values()
+        if stored and not is_known:
+            return True
+    return False
+
+
 def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
     clashes = list[str]()
@@ -440,6 +459,12 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     # what failed may be tried another way
     worked = known[known["status"] != "failed"]
     options_of = worked.groupby(["dataset", "method"])["options_id"].agg(set).to_dict()
+    data_of = defaultdict[tuple[str, str], dict[str, str]](dict)
+    about = ("dataset", "scene", "data_id", "options")
+    worked = rows[rows["status"] != "failed"].drop_duplicates(list(about))
+    for dataset, scene, data_id, options in values_of(worked, *about):
+        of_dataset = json.loads(options or "{}").get("dataset", {})
+        data_of[dataset, scene][data_id] = results.fingerprint(of_dataset)[0]
     for plan in planned:
         job = plan.job
         dataset = job.dataset.label
@@ -462,6 +487,11 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
             clashes.append(
                 f"{job.out}: its '{dataset}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 f"give another out=... or {job.dataset.label_option}"
+            )
+        if _replaces_other_data(plan, data_of):
+            clashes.append(
+                f"{job.out}: its '{dataset}' has other options and data; "
+                f"give another out=... or {job.dataset.label_option}, or overwrite=always"
             )
         options_id = results.fingerprint(job.method.record)[1]
         if options_of.get(plan.labels, {options_id}) != {options_id}:

@@ -88,8 +88,10 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
         if is_bare(word) and word not in files:
             raise bare_word(word, [word for word in words if word not in files])
     lines = [f"experiment={FILE}" if word in files else word for word in words]
+    # glob() and experiments may choose what plugin files bring
+    of_plugins = parse(line for line in lines if line.lstrip("+").startswith("plugins="))
+    _load(value for word in of_plugins for value in word.values)
     typed = parse(lines, hydra_configs.loader())
-    _load(value for word in typed if word.key == "plugins" for value in word.values)
     groups = [word for word in typed if _is_of_hydra(word)]
     for one in groups:
         known = hydra_configs.loader().get_group_options(one.key) if None in one.values else []
@@ -105,6 +107,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     experiment = (
         files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
     )
+    for one in experiments:
+        _load_own(f"experiment/{one.values[0]}", files)
     of_hydra = tuple(word.line for word in groups)
     rest = [word for word in typed if word not in groups]
     has_mode = any(word.key == "hydra.mode" for word in groups)
@@ -140,6 +144,17 @@ def _is_of_hydra(word: Word) -> bool:
         return True
     is_ours = word.key in (*KINDS, "metrics") or "." in word.key
     return not is_ours and bool(hydra_configs.loader().repository.group_exists(word.key))
+
+
+def _load_own(experiment: str, files: Sequence[str]) -> None:
+    """Load the plugin files that an experiment names: its defaults list may choose from them."""
+    try:
+        with hydra_configs.faults_of_hydra(()):
+            found = hydra_configs.loader().repository.load_config(experiment)
+    except SucreBenchError as fault:
+        raise (fault.within(files[0]) if files else fault) from fault
+    if found:
+        _load(found.config.get("plugins") or ())
 
 
 def _load(values: Iterable[Any]) -> None:

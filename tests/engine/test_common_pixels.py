@@ -131,7 +131,7 @@ def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pi
 
 
 def test_a_method_with_holes_on_older_data_takes_no_part(both: Path):
-    sweep(both, "gain,gain2", "dataset.tag=newer")
+    sweep(both, "gain,gain2", "dataset.tag=newer", "overwrite=always")
     assert (read_common(both)["status"] == "ok").all()
     np.testing.assert_allclose(scores(both, "common")["gain2"], psnr(slice(0, 60)), rtol=1e-3)
 

@@ -62,7 +62,6 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
         ("metrics=[psnr,redness,negative]", 3),
         ("metrics=[psnr]", 0),
         ("metrics.redness.factor=2", 3),
-        ("dataset.tag=other", 3),
         ("save=full", 3),
         ("views=[v1.png]", 0),
     ],
@@ -79,6 +78,16 @@ def test_what_changed_is_computed_again_and_nothing_else(
     before = len(calls(log))
     run(out, *words, change)
     assert len(calls(log)) == before + again
+
+
+def test_results_of_other_data_are_not_replaced_unless_asked_for(out: Path):
+    run(out)
+    with pytest.raises(
+        preflight.ProblemsError, match=r"its 'toy' has other options and data; give .*label"
+    ):
+        run(out, "method=gain2", "dataset.tag=other")
+    assert run(out).cached == 3
+    assert run(out, "dataset.tag=other", "overwrite=always").ok == 3
 
 
 @pytest.mark.parametrize("folder", [False, True])
