@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import results
-from sucre_bench.arrays import Array, DataFrame, Mask, Picture, locked
+from sucre_bench.arrays import AnyArray, Array, DataFrame, Mask, Picture, locked
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, opening_once, tasks
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import InputError, SucreBenchError, one_line, raise_if_stop
@@ -66,8 +66,8 @@ class Source:
     mask: Callable[[], Mask | None]
     """Returns which pixels (H, W) have a colour; None if all have."""
 
-    picture: Callable[[tuple[int, ...]], Picture]
-    """Returns the restored image (H, W, 3) of a size (H, W), uint8 RGB, holes black."""
+    picture: Callable[[tuple[int, ...]], AnyArray]
+    """Returns the restored image (H, W, 3) of a size (H, W), RGB of 8 or 16 bits, holes black."""
 
     restoration: Callable[[Mask], Restoration]
     """Returns the restoration with holes outside a mask (H, W), without a computed image if none is there."""
@@ -89,7 +89,8 @@ class Source:
 
     def shown(self, mask: Mask) -> Array:
         """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W)."""
-        return masked(self.picture(mask.shape) / np.float32(255), mask)
+        picture = self.picture(mask.shape)
+        return masked(picture / np.float32(np.iinfo(picture.dtype).max), mask)
 
 
 @dataclass(frozen=True)

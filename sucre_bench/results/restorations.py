@@ -19,7 +19,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask, Picture
+from sucre_bench.arrays import AnyArray, Array, Mask
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
@@ -296,15 +296,18 @@ class PictureOnly(Restoration):
         return mask
 
 
-def stored_picture(out: Path, place: Place, method: str, size: tuple[int, ...] = ()) -> Picture:
-    """Return a restored image (H, W, 3), uint8 RGB, holes black.
+def stored_picture(
+    out: Path, place: Place, method: str, size: tuple[int, ...] = ()
+) -> AnyArray:
+    """Return a restored image (H, W, 3), RGB, uint8 or uint16 as it is stored, holes black.
 
     size: (H, W) of its view, if known. Raises MissingFileError, DamagedFileError, or InputError for another size.
     """
     import cv2
 
     path = regular(place.restored(out, method), "repeat its run's command")
-    picture = np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
+    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    picture = np.ascontiguousarray(stored[..., ::-1])
     if size and picture.shape[:2] != size:
         height, width = picture.shape[:2]
         fault = f"is {width}x{height}, its view {size[1]}x{size[0]}"

@@ -199,10 +199,11 @@ def _picture(bundle: Bundle, name: str) -> Array:
         )
         raise InputError(fault, bundle.path, "ask who made the bundle for another")
     try:
-        stored = decode_bytes(content, cv2.IMREAD_COLOR, name)
+        stored = decode_bytes(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, name)
     except InputError as fault:
         raise fault.within(bundle.path) from fault
-    return locked(np.divide(stored[..., ::-1], np.float32(255), order="C"))
+    most = np.float32(np.iinfo(stored.dtype).max)
+    return locked(np.divide(stored[..., ::-1], most, order="C"))
 
 
 def _is_share(plugin: Plugin) -> bool:
