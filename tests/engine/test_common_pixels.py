@@ -38,12 +38,13 @@ def scores(out: Path, pixels: compare.Pixels) -> pd.DataFrame:
     return rows.pivot(index="view", columns="method", values="value")
 
 
-def psnr(columns: slice) -> list[float]:
-    """Of each view of the toy scene, from the definition: the 8-bit picture against its reference."""
+def psnr(columns: slice, bits: int = 8) -> list[float]:
+    """Of each view of the toy scene, from the definition: the picture of so many bits against its reference."""
     (scene,) = Toy().scenes()
+    levels = 2**bits - 1
     values = []
     for view in scene:
-        picture = np.floor(view.rgb[:, columns] * 255 + 0.5) / 255
+        picture = np.floor(view.rgb[:, columns] * levels + 0.5) / levels
         values.append(-10 * np.log10(np.mean((picture - view.reference[:, columns]) ** 2)))
     return values
 
@@ -62,6 +63,12 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     ]
     # a row a score, on all its pixels
     np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)
+
+
+def test_pictures_of_16_bits_are_compared_as_such(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half", "bits=16")
+    common = scores(tmp_path, "common")
+    np.testing.assert_allclose(common["gain"], psnr(slice(0, 30), bits=16), rtol=1e-6)
 
 
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):

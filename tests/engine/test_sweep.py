@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from support.command_line import Started, calls, run
 from support.messages import names
 
@@ -78,6 +79,23 @@ def test_what_changed_is_computed_again_and_nothing_else(
     before = len(calls(log))
     run(out, *words, change)
     assert len(calls(log)) == before + again
+
+
+@pytest.mark.filterwarnings("ignore")  # what optuna imports warns
+@pytest.mark.parametrize(
+    ("words", "best"), [((), "max"), (("hydra.sweeper.direction=minimize",), "min")]
+)
+def test_optuna_looks_for_the_better_score_unless_told(
+    out: Path, tmp_path: Path, words: tuple[str, ...], best: str
+):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    search = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", f"hydra.sweep.dir={tmp_path}")
+    gains = ("objective=psnr", "method.gain=interval(0.5,2)")
+    run(out, *search, *gains, *words, multirun=True)
+    rows = pd.read_parquet(out / "scores.parquet")
+    of_trials = rows[rows["metric"] == "psnr"].groupby("method")["value"].mean()
+    found = yaml.safe_load((tmp_path / "optimization_results.yaml").read_text())
+    assert found["best_value"] == pytest.approx(of_trials.agg(best))
 
 
 def test_results_of_other_data_are_not_replaced_unless_asked_for(out: Path):

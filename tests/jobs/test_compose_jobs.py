@@ -170,6 +170,27 @@ def test_glob_means_all_that_need_nothing_and_names_the_others(
     assert "funie_gan" not in said
 
 
+def test_globs_and_the_defaults_of_experiments_may_mean_what_plugin_files_bring(
+    tmp_path: Path,
+):
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(
+        "from dataclasses import dataclass\n"
+        "from sucre_bench import Restoration, method\n"
+        "@method()\n@dataclass(frozen=True)\nclass MyOwn:\n"
+        '    """Nothing."""\n'
+        "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
+    )
+    sweep = jobs(f"plugins=[{plugin}]", "method=glob(my_o*)", multirun=True)
+    assert [job.method.label for job in sweep.jobs] == ["my_own"]
+    experiment = tmp_path / "mine.yaml"
+    experiment.write_text(
+        f"# @package _global_\ndefaults: [override /method: my_own]\nplugins: ['{plugin}']\n"
+    )
+    asked = [str(experiment), "dataset=toy", "metrics=[psnr]"]
+    assert compose_jobs.jobs(asked, True).jobs[0].method.label == "my_own"
+
+
 def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
     assert jobs("views=[v0.png,v2.png]").jobs[0].views == ("v0.png", "v2.png")
     assert jobs("views=v1.png").jobs[0].views == ("v1.png",)
