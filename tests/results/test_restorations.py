@@ -129,9 +129,7 @@ def test_what_was_kept_whole_is_scored_again_without_restoring_it(out: Path, tmp
     assert (took == 1).all(), "those of the one restoration"
 
 
-@pytest.mark.parametrize(
-    ("change", "again"), [("dataset.tag=other", 3), ("overwrite=always", 3), ("damage", 1)]
-)
+@pytest.mark.parametrize(("change", "again"), [("overwrite=always", 3), ("damage", 1)])
 def test_what_was_kept_whole_of_something_else_is_not_scored(
     out: Path, tmp_path_factory: pytest.TempPathFactory, change: str, again: int
 ):
