@@ -17,13 +17,12 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sucre_bench import results
 from sucre_bench.arrays import AnyArray, Array, DataFrame, Mask, Picture, locked
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, opening_once, tasks
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import InputError, SucreBenchError, one_line, raise_if_stop
+from sucre_bench.imaging.image_files import to_unit
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import CONFIG, Job, read_config
 from sucre_bench.machine import progress
@@ -89,8 +88,7 @@ class Source:
 
     def shown(self, mask: Mask) -> Array:
         """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W)."""
-        picture = self.picture(mask.shape)
-        return masked(picture / np.float32(np.iinfo(picture.dtype).max), mask)
+        return masked(to_unit(self.picture(mask.shape)), mask)
 
 
 @dataclass(frozen=True)

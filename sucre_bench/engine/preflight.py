@@ -431,13 +431,24 @@ def _made(choice: Choice, out: Path) -> Any:
         raise InputError(one_line(fault), choice.plugin.name, "mend its options") from fault
 
 
-def _replaces_other_data(
-    plan: Planned, data_of: Mapping[tuple[str, str], Mapping[str, str]]
-) -> bool:
+_DataOf = Mapping[tuple[str, str], Mapping[str, str]]
+
+
+def _data_of(rows: DataFrame) -> _DataOf:
+    """Return the dataset's options by data_id, by its label and scene, of rows that did not fail."""
+    data_of = defaultdict[tuple[str, str], dict[str, str]](dict)
+    about = ("dataset", "scene", "data_id", "options")
+    worked = rows[rows["status"] != "failed"].drop_duplicates(list(about))
+    for dataset, scene, data_id, options in values_of(worked, *about):
+        of_dataset = json.loads(options or "{}").get("dataset", {})
+        data_of[dataset, scene][data_id] = results.fingerprint(of_dataset)[0]
+    return data_of
+
+
+def _replaces_other_data(plan: Planned, data_of: _DataOf) -> bool:
     """Whether a job's dataset has other options and other data than the stored rows with its label.
 
-    data_of: of stored rows, the dataset's options by data_id, by label and scene. Other data with the same options are
-    files that changed, which are restored again.
+    data_of: see `_data_of`. Other data with the same options are files that changed, which are restored again.
     """
     dataset = plan.job.dataset
     own = results.fingerprint(dataset.record)[0]
@@ -459,12 +470,7 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     # what failed may be tried another way
     worked = known[known["status"] != "failed"]
     options_of = worked.groupby(["dataset", "method"])["options_id"].agg(set).to_dict()
-    data_of = defaultdict[tuple[str, str], dict[str, str]](dict)
-    about = ("dataset", "scene", "data_id", "options")
-    worked = rows[rows["status"] != "failed"].drop_duplicates(list(about))
-    for dataset, scene, data_id, options in values_of(worked, *about):
-        of_dataset = json.loads(options or "{}").get("dataset", {})
-        data_of[dataset, scene][data_id] = results.fingerprint(of_dataset)[0]
+    data_of = _data_of(rows)
     for plan in planned:
         job = plan.job
         dataset = job.dataset.label

@@ -171,9 +171,12 @@ def read_rgb(path: Path, size: Size | None = None) -> Array:
         fault = f"no value of {path.name} is above {largest}, of 65535, so it is read as dark"
         remedy = f"if the camera has {_FEW_BITS} bits or fewer, scale its values to 16 bits"
         say_once_a_folder(path, "bits", f"{fault}; {remedy}")
-    image = stored[..., ::-1].astype(np.float32, order="C")
-    image /= np.iinfo(stored.dtype).max
-    return resized(image, size, path)
+    return resized(to_unit(stored[..., ::-1]), size, path)
+
+
+def to_unit(levels: AnyArray) -> Array:
+    """Return an image of uint8 or uint16 as float32 in [0, 1], its rows one after the other in memory."""
+    return np.divide(levels, np.float32(np.iinfo(levels.dtype).max), order="C")
 
 
 def resized(image: Array, size: Size | None, path: Path) -> Array:

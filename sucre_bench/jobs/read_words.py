@@ -107,13 +107,13 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     experiment = (
         files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
     )
-    for one in experiments:
-        _load_own(f"experiment/{one.values[0]}", files)
     of_hydra = tuple(word.line for word in groups)
     rest = [word for word in typed if word not in groups]
     has_mode = any(word.key == "hydra.mode" for word in groups)
     if config is None and (multirun or experiment or has_mode):
         try:
+            for one in experiments:
+                _load_own(f"experiment/{one.values[0]}")
             config = hydra_configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
@@ -146,13 +146,10 @@ def _is_of_hydra(word: Word) -> bool:
     return not is_ours and bool(hydra_configs.loader().repository.group_exists(word.key))
 
 
-def _load_own(experiment: str, files: Sequence[str]) -> None:
+def _load_own(experiment: str) -> None:
     """Load the plugin files that an experiment names: its defaults list may choose from them."""
-    try:
-        with hydra_configs.faults_of_hydra(()):
-            found = hydra_configs.loader().repository.load_config(experiment)
-    except SucreBenchError as fault:
-        raise (fault.within(files[0]) if files else fault) from fault
+    with hydra_configs.faults_of_hydra(()):
+        found = hydra_configs.loader().repository.load_config(experiment)
     if found:
         _load(found.config.get("plugins") or ())
 

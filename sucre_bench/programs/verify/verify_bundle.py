@@ -19,7 +19,7 @@ from sucre_bench.arrays import Array, DataFrame, Mask, locked
 from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer, needs_unrounded
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
-from sucre_bench.imaging.image_files import decode_bytes, image_size
+from sucre_bench.imaging.image_files import decode_bytes, image_size, to_unit
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import reading
 from sucre_bench.plugins.call_method import with_truth
@@ -202,8 +202,7 @@ def _picture(bundle: Bundle, name: str) -> Array:
         stored = decode_bytes(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, name)
     except InputError as fault:
         raise fault.within(bundle.path) from fault
-    most = np.float32(np.iinfo(stored.dtype).max)
-    return locked(np.divide(stored[..., ::-1], most, order="C"))
+    return locked(to_unit(stored[..., ::-1]))
 
 
 def _is_share(plugin: Plugin) -> bool:
