@@ -164,8 +164,7 @@ def runs_with_least(subject: Subject) -> Lines:
     except NotApplicableError:
         raise
     except Exception as fault:
-        if "read-only" in str(fault):
-            raise  # it writes into its input, whatever it needs
+        _of_rich(subject)  # raises if the method fails there too: then no need is missing
         has = " and ".join(sorted(subject.plugin.needs)) or "nothing but an image"
         yield f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs="
 

@@ -148,6 +148,13 @@ def test_each_way_a_dataset_breaks_the_contract_is_named(
     assert named in names(broken(tmp_path, "dataset", DATASET, body, has=has)[rule])
 
 
+def test_a_fault_that_no_need_would_mend_does_not_ask_for_one(tmp_path: Path) -> None:
+    body = "return Restoration(view.rgb * np.float32(255))"
+    said = broken(tmp_path, "method", METHOD, body, needs="()")
+    assert "divide by 255" in said["restores_a_view"]
+    assert "needs=" not in said["runs_with_least"]
+
+
 def test_a_dataset_must_name_the_folder_that_is_missing(tmp_path: Path) -> None:
     rough = DATASET.replace(
         'raise InputError(f"{{self.root}}: holds no scene; give another")',
