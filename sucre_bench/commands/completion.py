@@ -1,21 +1,26 @@
 """`sucre-bench completion`: prints click's script for a shell, and completes the words of `sucre-bench run`.
 
-Keys and names are completed, and paths; not the values of other options. Bash parts words at "=" and ":", and replaces
+Keys, names, paths, and the words that an option takes are completed. Bash parts words at "=" and ":", and replaces
 the last part.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class, split_arg_string
 
 from sucre_bench.machine.files import expanded
+
+if TYPE_CHECKING:
+    from sucre_bench.plugins.options import Option
 
 # What click's scripts lack, and what mends it.
 _MENDS = {
@@ -56,19 +61,28 @@ def completion(shell: str) -> None:
 def complete_words(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem[str]]:
-    """Complete an override: its key, the names that it takes, or a path; or the path of an experiment or image.
+    """Complete an override: its key, the words that it takes, or a path; or the path of an experiment or image.
 
     The first word of `describe` may be the bare name of a dataset.
     """
+    from sucre_bench import plugins
+    from sucre_bench.errors import SucreBenchError
+
+    for file in ctx.params.get("plugin_files") or ():
+        with contextlib.suppress(SucreBenchError):  # the command says what is wrong with it
+            plugins.load_file(file)
     key, equals, value = incomplete.partition("=")
     words = ctx.params.get(param.name or "") or ()
     if not equals:
         named = _names("dataset", key) if ctx.info_name == "describe" and not words else []
         found = [*named, *(one for one in _keys(key, words) if one.startswith(key))]
         return _items(incomplete, found or _paths(key))
-    names = [f"{key}={name}" for name in _names(key, value)]
-    takes_path = key.partition(".")[0] in ("out", "views", "dataset", "method")
-    return _items(incomplete, [*names, *_paths(value, f"{key}=")] if takes_path else names)
+    options = [*_options(key, words)]
+    known = [*_names(key, value), *(word for one in options for word in _values(one, value))]
+    found = [f"{key}={name}" for name in dict.fromkeys(known)]
+    if key in ("out", "views", "dataset") or any(Path in one.kinds for one in options):
+        found += _paths(value, f"{key}=")
+    return _items(incomplete, found)
 
 
 def complete_metrics(
@@ -89,24 +103,59 @@ def _items(typed: str, found: Iterable[str]) -> list[CompletionItem[str]]:
 
 def _keys(typed: str, words: Sequence[str]) -> Iterator[str]:
     """The keys that a word may begin with; behind a dot the options of what stands before it. words: before it."""
-    from sucre_bench.jobs import catalogue, hydra_configs
+    from sucre_bench.jobs import catalogue
     from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 
-    kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
-    given = hydra_configs.choices() | dict(word.partition("=")[::2] for word in words)
-    chosen = {kind: given[kind].split(",") for kind in kinds}
+    chosen = _chosen(words)
     group, dot, _ = typed.rpartition(".")
     options = RunConfig.defaults()
     if not dot:
         yield from (f"{name}=" for name in options if name not in (*OPTION_GROUPS, "study"))
         yield from ("experiment=", "hydra/launcher=", "hydra/sweeper=")
-        yield from (f"{name}." for name in (*kinds, "metrics", *OPTION_GROUPS))
+        yield from (f"{name}." for name in (*chosen, "metrics", *OPTION_GROUPS))
         yield from (f"{name}." for names in chosen.values() for name in names)
     elif group in OPTION_GROUPS:
         yield from (f"{group}.{name}=" for name in options[group])
     for kind, names in chosen.items() if dot else ():
         owned = [catalogue.option_names(kind, name) for name in names if group in (kind, name)]
         yield from dict.fromkeys(f"{group}.{option}=" for known in owned for option in known)
+
+
+def _chosen(words: Sequence[str]) -> dict[Literal["dataset", "method"], list[str]]:
+    """The names of the datasets and methods that words choose, or that the configuration does."""
+    from sucre_bench.jobs import hydra_configs
+
+    given = hydra_configs.choices() | dict(word.partition("=")[::2] for word in words)
+    return {"dataset": given["dataset"].split(","), "method": given["method"].split(",")}
+
+
+def _options(key: str, words: Sequence[str]) -> Iterator[Option]:
+    """The options that a key means: of the run, or of the datasets or methods that the words before it choose."""
+    from sucre_bench.jobs import catalogue
+    from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
+    from sucre_bench.plugins.options import options_of
+
+    group, _, name = key.rpartition(".")
+    groups: dict[str, Any] = {"": RunConfig, **OPTION_GROUPS}
+    if group in groups:
+        owners = [groups[group]]
+    else:
+        chosen = _chosen(words).items()
+        named = [(kind, one) for kind, names in chosen for one in names if group in (kind, one)]
+        owners = [
+            plugin.cls for plugin in itertools.starmap(catalogue.plugin_of, named) if plugin
+        ]
+    for owner in owners:
+        yield from (option for option in options_of(owner) if option.name == name)
+
+
+def _values(option: Option, value: str) -> Iterator[str]:
+    """The value with the last of its words completed, if the option takes words, true or false."""
+    last = value.rpartition(",")[2]
+    words = (*option.choices, *(("true", "false") if bool in option.kinds else ()))
+    before = value.removesuffix(last)
+    taken = before.split(",")
+    return (before + word for word in words if word.startswith(last) and word not in taken)
 
 
 def _names(group: str, value: str) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.shell_completion import shell_complete, split_arg_string
 from support.command_line import HEAVY
+from support.places import TOYS
 
 from sucre_bench.cli import cli
 
@@ -51,6 +52,13 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ),  # of the method that runs by default
         ("sucre-bench run method=sucre_torch method.enc", ["method.encoding="]),  # of a preset
         ("sucre-bench run method=gray_world method.enc", []),
+        ("sucre-bench run method.physical=t", ["method.physical=true"]),
+        (
+            "sucre-bench run -m dataset=demo dataset.water=clear,t",
+            ["dataset.water=clear,turbid"],
+        ),
+        ("sucre-bench run overwrite=al", ["overwrite=always"]),
+        (f"sucre-bench run --plugin {TOYS} method=tabul", ["method=tabulated"]),
         ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
         ("sucre-bench run shard.", ["shard.index=", "shard.count="]),
         ("sucre-bench run nothing.like=", []),
