@@ -92,8 +92,8 @@ def run(
     Every word is key=value. dataset=, method= and metrics=[a,b] choose plugins (`sucre-bench list`). An option of a
     plugin follows a dot: method.light=even. With -m, the command runs every combination of the values with commas
     between them. An option after a method's name is for that method alone. An experiment is a file of Hydra with all of
-    this; a word of the command replaces the same key of the file. Everything of Hydra works: its grammar, launchers,
-    sweepers and callbacks.
+    this; a word of the command replaces the same key of the file. Hydra's grammar, launchers, sweepers and
+    callbacks work; docs/run.md says what does not.
 
     \b
     out=FOLDER              write results there; the same folder again adds to it
@@ -231,11 +231,13 @@ def _show(
         kind = kinds[0]
     if hydra_help:
         parser = get_args_parser()
-        app.hydra_help(
-            config_name=hydra_configs.config_name(),
-            args_parser=parser,
-            args=parser.parse_args([]),
-        )
+        args = parser.parse_args([])
+        context = click.get_current_context()
+        ours = {flag for one in context.command.get_params(context) for flag in one.opts}
+        for action in [*parser._actions]:  # noqa: SLF001
+            if action.option_strings and not ours.intersection(action.option_strings):
+                parser._remove_action(action)  # noqa: SLF001
+        app.hydra_help(config_name=hydra_configs.config_name(), args_parser=parser, args=args)
         return
     with reading_experiment(words) as words:
         asked = read(words, multirun)
