@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, unknown_name
 from sucre_bench.jobs.word_syntax import first_line
 
 if TYPE_CHECKING:
@@ -169,6 +169,18 @@ def selected(config: DictConfig, key: str) -> Any:
 
     value = OmegaConf.select(config, key, throw_on_missing=False)
     return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def written(name: str, key: str) -> Any:
+    """Return what stands at a key of one config, before Hydra composes it.
+
+    None where nothing does, and for a config that cannot be read: composing says why.
+    """
+    try:
+        found = loader().repository.load_config(name)
+        return selected(found.config, key) if found else None
+    except ANY_FAULT:
+        return None
 
 
 def plain(config: DictConfig) -> dict[str, Any]:

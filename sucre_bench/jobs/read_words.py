@@ -88,9 +88,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
         if is_bare(word) and word not in files:
             raise bare_word(word, [word for word in words if word not in files])
     lines = [f"experiment={FILE}" if word in files else word for word in words]
-    # glob() and experiments may choose what plugin files bring
-    of_plugins = parse(line for line in lines if line.lstrip("+").startswith("plugins="))
-    _load(value for word in of_plugins for value in word.values)
+    _load_named(lines)
     typed = parse(lines, hydra_configs.loader())
     groups = [word for word in typed if _is_of_hydra(word)]
     for one in groups:
@@ -101,9 +99,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     for one in experiments:
         if len(experiments) > 1 or len(one.values) > 1 or not isinstance(one.values[0], str):
             place = files[-1] if files else one.text
-            raise InputError(
-                "one experiment at a time", place, "give experiment=NAME, or a file"
-            )
+            remedy = "give a command for each: experiment=NAME, or a file"
+            raise InputError("one experiment at a time", place, remedy)
     experiment = (
         files[0] if files else "".join(f"experiment={w.values[0]}" for w in experiments)
     )
@@ -122,7 +119,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
         if not (multirun or (mode.name == "MULTIRUN" if mode else is_listed)):
             config = None
     if config is not None:
-        _load(hydra_configs.selected(config, "plugins") or ())
+        _load([hydra_configs.selected(config, "plugins") or []])
     asked = Asked(tuple(words), tuple(rest), of_hydra, experiment, config)
     _refuse(asked)
     return asked
@@ -146,12 +143,21 @@ def _is_of_hydra(word: Word) -> bool:
     return not is_ours and bool(hydra_configs.loader().repository.group_exists(word.key))
 
 
-def _load_own(experiment: str) -> None:
-    """Load the plugin files that an experiment names: its defaults list may choose from them."""
-    with hydra_configs.faults_of_hydra(()):
-        found = hydra_configs.loader().repository.load_config(experiment)
-    if found:
-        _load(found.config.get("plugins") or ())
+def _load_named(lines: Iterable[str]) -> None:
+    """Load the plugin files of the words, of the configuration to begin with and of the experiment.
+
+    So names of their plugins can be chosen, also by the experiment's own defaults list.
+    """
+    named = {"plugins": list[Any](), "experiment": list[Any]()}
+    first = (line for line in lines if line.lstrip("+").partition("=")[0] in named)
+    for word in parse(first, hydra_configs.loader()):
+        named[word.key] += word.values
+    _load(named["plugins"])
+    for name in (
+        hydra_configs.config_name(),
+        *(f"experiment/{n}" for n in named["experiment"]),
+    ):
+        _load([hydra_configs.written(name, "plugins") or []])
 
 
 def _load(values: Iterable[Any]) -> None:

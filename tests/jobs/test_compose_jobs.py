@@ -12,14 +12,16 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 from support.colmap_folder import picture, write_dive, write_image
 from support.messages import names, refused
+from support.places import TOYS
 
-from sucre_bench import InputError
+from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import recognised
 from sucre_bench.jobs.experiment_file import EXPERIMENT, record_experiment
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.word_syntax import quoted, shell, value_of
 from sucre_bench.machine import progress
+from sucre_bench.plugins.registry import using
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -170,25 +172,15 @@ def test_glob_means_all_that_need_nothing_and_names_the_others(
     assert "funie_gan" not in said
 
 
-def test_globs_and_the_defaults_of_experiments_may_mean_what_plugin_files_bring(
+def test_plugins_of_a_word_and_of_an_experiment_can_be_chosen(
     tmp_path: Path,
 ):
-    plugin = tmp_path / "mine.py"
-    plugin.write_text(
-        "from dataclasses import dataclass\n"
-        "from sucre_bench import Restoration, method\n"
-        "@method()\n@dataclass(frozen=True)\nclass MyOwn:\n"
-        '    """Nothing."""\n'
-        "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
-    )
-    sweep = jobs(f"plugins=[{plugin}]", "method=glob(my_o*)", multirun=True)
-    assert [job.method.label for job in sweep.jobs] == ["my_own"]
     experiment = tmp_path / "mine.yaml"
-    experiment.write_text(
-        f"# @package _global_\ndefaults: [override /method: my_own]\nplugins: ['{plugin}']\n"
-    )
-    asked = [str(experiment), "dataset=toy", "metrics=[psnr]"]
-    assert compose_jobs.jobs(asked, True).jobs[0].method.label == "my_own"
+    experiment.write_text(f"plugins: [{TOYS}]\ndefaults: [{{override /method: halved}}]\n")
+    for words in ([f"plugins=[{TOYS}]", "method=glob(halve*)"], [str(experiment)]):
+        with using(plugins.Registry()):
+            (job,) = compose_jobs.jobs(["dataset=demo", *words], multirun=True).jobs
+        assert job.method.label == "halved"
 
 
 def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
