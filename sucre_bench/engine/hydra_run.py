@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
@@ -16,7 +17,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.preflight import check
 from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
 from sucre_bench.engine.workers import run_jobs
-from sucre_bench.errors import InputError, in_one_line
+from sucre_bench.errors import InputError, in_one_line, unknown_name
 from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.compose_jobs import Command, command_of, job_of, lines_of
 from sucre_bench.jobs.job import Job
@@ -24,7 +25,8 @@ from sucre_bench.jobs.read_words import read, reading_experiment
 from sucre_bench.jobs.word_syntax import parse, value_of
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import now
-from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.plugin import Better
+from sucre_bench.results.rows import wide
 
 if TYPE_CHECKING:
     from hydra.core.utils import JobReturn
@@ -48,8 +50,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         config = asked.config
         lines = [word.line for word in asked.typed]
         swept = [*words]
-        is_ours = asked.choice("hydra/sweeper") == "pairs"
-        if not is_ours:  # what all jobs share is not among what tells them apart
+        job: Job | None = None
+        if asked.choice("hydra/sweeper") != "pairs":
+            # what all jobs share is not among what tells them apart
             lines = lines_of(asked)
             config = hydra_configs.composed(lines, is_sweep=True)
             parsed = zip(lines, parse(lines, hydra_configs.loader()), strict=True)
@@ -60,7 +63,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             with open_dict(config):
                 config.hydra.overrides.hydra = [*shared, unnamed]
                 config.hydra.overrides.task = swept
-                _with_direction(config, shared)
+                job = job_of(config)
+                if job.objective:
+                    _set_direction(config.hydra.sweeper, job)
         _check_hydra(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context = _context(config)
@@ -73,8 +78,8 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             )
             started = now()
             sweeper.watch = watch
-            if watch and not is_ours:
-                watch.start(job_of(config))
+            if watch and job:
+                watch.start(job)
                 watch.before(())
             outcome = sweeper.sweep(arguments=swept)
         context.callbacks.on_multirun_end(
@@ -194,59 +199,47 @@ def run_launched(config: DictConfig) -> float | None:
     return _objective(job) if job.objective else None
 
 
-# What has a sweeper look for the largest value: its setting, by the key of its configuration.
-_MAXIMISE: Mapping[str, Any] = {
-    "direction": "maximize",  # optuna
-    "optim.maximize": True,  # nevergrad
-    "ax_config.experiment.minimize": False,
-}
+def _objective_of(job: Job) -> tuple[str, str, Better]:
+    """The metric, the variant and the better direction of a job's objective. InputError if it is not computed."""
+    known: dict[str, tuple[str, str, Better]] = {
+        "seconds.wall": ("seconds", "wall", "lower"),
+        "peak_mb.resident": ("peak_mb", "resident", "lower"),
+    }
+    for one in job.metrics:
+        name = one.plugin.name
+        for variant in one.variants:
+            known[f"{name}.{variant}"] = (name, variant, one.plugin.better_of(variant))
+    asked = job.objective.replace(":", ".", 1)
+    meant = [key for key in known if asked in (key, key.partition(".")[0])]
+    if not meant:
+        raise unknown_name("objective", asked, known, "score of this run")
+    if len(meant) > 1:
+        remedy = f"give one of {', '.join(meant)}"
+        raise InputError("has several variants", f"objective={asked}", remedy)
+    return known[meant[0]]
 
 
-def _with_direction(config: DictConfig, words: Sequence[str]) -> None:
-    """Have another sweeper look for the largest objective where more is better, unless words say what it looks for."""
-    from omegaconf import OmegaConf, read_write
+def _set_direction(sweeper: DictConfig, job: Job) -> None:
+    """Let optuna look for the better values of the objective, unless the user gave a direction."""
+    from omegaconf import read_write
 
-    job = job_of(config)
-    if not job.objective:
+    better = _objective_of(job)[2]
+    if not isinstance(sweeper.get("direction"), Enum):  # what a user writes is text
         return
-    metric, variant = _objective_of(job)
-    if metric.better_of(variant) != "higher":
-        return
-    for key, value in _MAXIMISE.items():
-        is_given = any(word.lstrip("+").startswith(f"hydra.sweeper.{key}=") for word in words)
-        if not is_given and OmegaConf.select(config.hydra.sweeper, key) is not None:
-            with read_write(config.hydra.sweeper):
-                OmegaConf.update(config.hydra.sweeper, key, value)
-
-
-def _objective_of(job: Job) -> tuple[Plugin, str]:
-    """Return the metric and variant that a sweeper optimises. InputError if the job has no such score."""
-    name, _, variant = job.objective.replace(":", ".", 1).partition(".")
-    for metric in job.metrics:
-        chosen = variant or metric.variants[0]
-        if metric.plugin.name == name and chosen in metric.variants:
-            return metric.plugin, chosen
-    known = [f"{metric.plugin.name}.{one}" for metric in job.metrics for one in metric.variants]
-    raise InputError(
-        "is no score of this run",
-        f"objective={job.objective}",
-        f"give one of {', '.join(known)}, or another metrics=[...]",
-    )
+    if better == "none":
+        fault = "neither high nor low values are better"
+        remedy = "give hydra.sweeper.direction=maximize or minimize"
+        raise InputError(fault, f"objective={job.objective}", remedy)
+    with read_write(sweeper):
+        sweeper.direction = "maximize" if better == "higher" else "minimize"
 
 
 def _objective(job: Job) -> float:
-    """The mean of the job's objective over its views, of each its mean over charts. InputError if none has a score."""
-    metric, variant = _objective_of(job)
-    rows: Any = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
-    is_score = (rows["metric"] == metric.name) & (rows["variant"] == variant)
-    rows = rows[is_score & (rows["status"] == "ok")]
-    whole = rows[rows["region"] == "image"]
-    if whole.empty:
-        whole = rows[~rows["region"].str.contains("/")]
-    if whole.empty:
-        raise InputError(
-            "no view has a score",
-            f"objective={job.objective}",
-            "give a metric that these data have",
-        )
-    return float(whole.groupby(["scene", "view"])["value"].mean().mean())
+    """The mean of the job's objective over its views. InputError if no view has one."""
+    metric, variant, _ = _objective_of(job)
+    rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
+    scores = wide(rows[(rows["metric"] == metric) & (rows["variant"] == variant)])
+    if metric not in scores or scores[metric].isna().all():
+        remedy = f"`sucre-bench compare {job.out}` says why"
+        raise InputError("no view has this score", f"objective={job.objective}", remedy)
+    return float(scores[metric].mean())

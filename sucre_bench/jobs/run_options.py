@@ -211,7 +211,7 @@ class RunConfig:
     baseline: str = ""
     """Label of the method that the others are compared with; empty: the best method."""
     objective: str = ""
-    """What a sweeper such as optuna optimises: the mean of a metric, METRIC.VARIANT; empty: nothing."""
+    """What optuna makes as good as it can, or another sweeper optimises: the mean of METRIC.VARIANT; empty: nothing."""
 
     def __post_init__(self) -> None:
         check_ranges(

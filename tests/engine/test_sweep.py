@@ -20,7 +20,7 @@ import sucre_bench as sb
 from sucre_bench import plugins
 from sucre_bench.engine import job as job_, preflight
 from sucre_bench.engine.hydra_run import run_words as run_jobs
-from sucre_bench.errors import DiskFullError, SucreBenchError
+from sucre_bench.errors import DiskFullError, InputError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable
 
@@ -318,6 +318,41 @@ def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path)
     with pytest.raises(SucreBenchError, match=r"no hydra/launcher is called .nowhere."):
         run_jobs(["dataset=toy", "method=gain", f"out={out}", "hydra/launcher=nowhere"], True)
     assert not out.exists()
+
+
+@pytest.mark.filterwarnings("ignore")  # of optuna
+@pytest.mark.parametrize(("objective", "best"), [("psnr", "max"), ("psi:colour", "min")])
+def test_optuna_looks_for_the_better_values_also_of_charts(
+    out: Path, objective: str, best: str
+):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    sweep = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", "metrics=[psnr,psi]")
+    demo = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
+    outcome = run(
+        out,
+        *sweep,
+        *demo,
+        "method.gain=interval(0.2,2)",
+        f"objective={objective}",
+        multirun=True,
+    )
+    rows = outcome.rows[outcome.rows["metric"] == objective.partition(":")[0]]
+    whole = rows[~rows["region"].str.contains("/", regex=False)]
+    each = whole.groupby("method")["value"].mean()
+    found = yaml.safe_load((out / "optimization_results.yaml").read_text())
+    assert len(each) == 3
+    assert found["best_value"] == pytest.approx(each.agg(best))
+
+
+@pytest.mark.parametrize("objective", ["psnr", "psrn.masked", "observations.all"])
+def test_an_objective_that_cannot_be_optimised_is_refused_before_any_work(
+    out: Path, objective: str
+):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    words = ("hydra/sweeper=optuna", "method.gain=interval(0,2)", f"objective={objective}")
+    with pytest.raises(InputError, match="objective"):
+        run(out, "metrics=[psnr:all,observations]", *words, multirun=True)
+    assert not (out / "scores.parquet").exists()
 
 
 def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path):
