@@ -109,8 +109,6 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     has_mode = any(word.key == "hydra.mode" for word in groups)
     if config is None and (multirun or experiment or has_mode):
         try:
-            for one in experiments:
-                _load_own(f"experiment/{one.values[0]}")
             config = hydra_configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
