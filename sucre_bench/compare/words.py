@@ -461,6 +461,8 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     directed = [column for column in scores if column.directed]
     knows = not directed or any(column.knows == "truth" for column in directed)
     main = next((column for column in directed if knows and column.ranked), None)
+    if every and knows:  # the same order, whoever asks
+        main = deciding(comparison).main or main
     return Deciding(scores, knows, main, (*scores, *beside))
 
 

@@ -130,6 +130,12 @@ MANY = {
 }
 
 
+def test_one_score_sorts_the_methods_whichever_columns_were_asked_for():
+    values = {"a": [1.0, 2, 3, 4, 5, 6], "b": [2.0, 3, 4, 5, 6, 7]}
+    tables = compared({"psnr": values, "colours": {"a": values["b"], "b": values["a"]}})
+    assert printed(tables).names == printed(tables, every=True).names == ["a", "b"]
+
+
 def test_the_columns_that_decide_are_those_that_know_the_true_colours():
     assert printed(compared(MANY)).heads == [
         "psnr ↑",
