@@ -186,7 +186,7 @@ def _table(
     repetitions: dict[Column, DataFrame] = {}
     measured: dict[Column, ColumnScores] = {}
     for column, repeated, values in found:
-        if column.n_units:
+        if column.n_scored:
             scores = _scores(
                 column, values.dropna() if column.missing else values, known.is_track
             )
@@ -214,10 +214,8 @@ def _table(
     photographs = tuple(name for name in methods if name in known.photographs)
     cells = dict[tuple[str, Column], Cell]()
     for column, scores in measured.items():
-        values = made[column].to_numpy()
-        holes = np.isnan(values)
-        std = statistics.standard_deviation(values[~holes.any(axis=1)])
-        of_column = statistics.cells(column, scores, std, holes.sum(axis=0), photographs)
+        holes = made[column].isna().to_numpy().sum(axis=0)
+        of_column = statistics.cells(column, scores, holes, photographs)
         cells |= {
             (name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)
         }
@@ -302,7 +300,7 @@ def _column(
         better=better,
         range=bounds,
         of="image" if all(region == "image" for *_, region in units) else "chart",
-        n_units=len(left),
+        n_scored=len(left),
         n_views=len({(scene, view) for scene, view, _ in left}),
         n_scenes=len({scene for scene, *_ in left}),
         missing=len(units) - len(left),

@@ -55,15 +55,15 @@ class Column:
     """Of possible values."""
 
     of: Literal["image", "chart"]
-    """What a unit is."""
+    """What has a score."""
 
-    # What all methods have.
-    n_units: int
+    # What all methods have: images or charts, views, scenes.
+    n_scored: int
     n_views: int
     n_scenes: int
 
     missing: int
-    """Units that some method lacks."""
+    """Images or charts that some method lacks."""
 
     pixels: Literal["own", "common"] = "own"
     """It is "common" if methods fill different pixels, and the scores are on those that all of them fill."""
@@ -84,6 +84,11 @@ class Column:
     def role(self) -> Role:
         """What the metric tells; "" if it is not installed."""
         return self.plugin.role if self.plugin else ""
+
+    @property
+    def n_units(self) -> int:
+        """How many independent units there are: scenes, or the views of a single scene."""
+        return self.n_scenes if self.n_scenes > 1 else self.n_views
 
     @property
     def key(self) -> str:
@@ -129,14 +134,14 @@ class Cell:
     """Over views."""
 
     std: float
-    """Over units, see `standard_deviation`."""
+    """Over views, see `standard_deviation`."""
 
     # The 95 % interval of the mean.
     low: float
     high: float
 
     holes: int
-    """Units that others have and it lacks."""
+    """Images or charts that others have and it lacks."""
 
     place: int = 0
     """By the mean, 1 = best; equal means share it."""

@@ -106,7 +106,7 @@ def notes(
             yield Note(text)
         yield from _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
-        if column.n_units == 0:
+        if column.n_scored == 0:
             text = f"{METRICS}: no {column.of} that {listed(values.columns)} all have"
             yield Note(text, columns=(column,))
     # why none of the requested metrics scored a method that did restore
@@ -176,7 +176,7 @@ def _scores_lost(
     """A note for the metrics that lack the same units, apart from views that were not restored."""
     alike = defaultdict[str, list[Column]](list)
     for column, values in scores.items():
-        if column.metric in COSTS or name not in values or column.n_units == len(values):
+        if column.metric in COSTS or name not in values or column.n_scored == len(values):
             continue
         units = values.index.droplevel("region")
         is_missing = values[name].isna()
@@ -188,7 +188,7 @@ def _scores_lost(
         has_any = repetitions[column][name].dropna().index.droplevel(["region", "_replicate"])
         partly = views.intersection(has_any) - there
         unit: str = column.of
-        counts = (len(concerned), len(values), column.n_units)
+        counts = (len(concerned), len(values), column.n_scored)
         if not views & there:  # else some charts of a view
             concerned = [*views]
             unit = "image"

@@ -400,12 +400,12 @@ def standard_deviation(values: Array) -> Array:
 
 
 def cells(
-    column: Column, scores: ColumnScores, std: Array, holes: Array, apart: Collection[str] = ()
+    column: Column, scores: ColumnScores, holes: Array, apart: Collection[str] = ()
 ) -> list[Cell]:
     """Return the cell of each method, compared with the best.
 
-    std: (M,) over units; holes: (M,) units that others have; apart: methods that are not compared, unless all are:
-    their cells have no place.
+    holes: (M,) images or charts that others have; apart: methods that are not compared, unless all are: their cells
+    have no place.
     """
     size, mean = _size(scores.views), means(scores.views)
     low = high = np.full_like(mean, np.nan)
@@ -413,6 +413,7 @@ def cells(
         # within the range of the metric: with few views intervals would leave it
         low, high = np.clip(mean_intervals(scores.independent), *column.range)
     mean, low, high = (_less(each, 0.0, size) for each in (mean, low, high))
+    std = standard_deviation(scores.views)
     numbers = (each.tolist() for each in (mean, std, low, high, holes))
     made = [Cell(*of_method) for of_method in zip(*numbers, strict=True)]
     if column.better == "none" or column.knows == "taste":

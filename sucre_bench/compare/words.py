@@ -170,13 +170,15 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
 
 def over_views(columns: Sequence[Column]) -> list[str]:
     """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
-    measured = [column for column in columns if column.n_units]
+    measured = [column for column in columns if column.n_scored]
     scores = [column for column in measured if column.ranked and not column.is_share_filled]
     alike = defaultdict[str, list[str]](list)
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
         charts = (
-            f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
+            f" ({counted(column.n_scored, 'chart')})"
+            if column.n_scored > column.n_views
+            else ""
         )
         rough = ""
         if column.has_few_views:  # they do not show the distribution

@@ -22,14 +22,14 @@ def test_methods_are_compared_only_on_what_all_of_them_have():
     """b failed on the view where a is worst: taking each method's own mean would favour b."""
     comparison = table({"a": [10, 10, 0], "b": [9, 9, None]})
     assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 10, "b": 9}
-    assert (comparison.columns[0].n_units, comparison.columns[0].missing) == (2, 1)
+    assert (comparison.columns[0].n_scored, comparison.columns[0].missing) == (2, 1)
 
 
 def test_a_method_that_failed_everywhere_is_a_hole_and_restricts_nobody():
     comparison = table({"a": [1, 2], "b": [None, None]})
     assert comparison.methods == ("a", "b")
     assert set(cells(comparison)) == {"a"}
-    assert comparison.columns[0].n_units == 2
+    assert comparison.columns[0].n_scored == 2
 
 
 def test_charts_of_one_view_are_not_independent():
@@ -41,7 +41,8 @@ def test_charts_of_one_view_are_not_independent():
     ]
     (by_chart,) = compare.compare(frame(rows))
     cell, alone = cells(by_chart)["m"], cells(table({"m": list(views)}))["m"]
-    assert by_chart.columns[0].n_units == 48
+    assert (by_chart.columns[0].n_scored, by_chart.columns[0].n_units) == (48, 12)
+    assert cell.std == pytest.approx(np.std(views, ddof=1)), "over views, as the interval is"
     assert cell.high - cell.low == pytest.approx(alone.high - alone.low, rel=0.1)
 
 
@@ -284,7 +285,7 @@ def test_holes_are_counted_and_said_with_their_reasons():
     assert lost.pop("reasons") == "2 failed: ValueError: boom; 1 skipped: has no depth map"
     assert [*lost.values()] == ["b", "3", "8", "image", "5", ""]
     assert (cells(comparison)["a"].holes, cells(comparison)["b"].holes) == (0, 3)
-    assert comparison.columns[0].n_units == 5
+    assert comparison.columns[0].n_scored == 5
 
 
 def test_a_score_that_failed_alone_is_said_for_its_metric():

@@ -69,7 +69,7 @@ def heading(column: Column) -> Content:
         ),
         "below": [
             column.variant,
-            counted(column.n_units, column.of),
+            counted(column.n_scored, column.of),
             *(["common pixels"] if column.pixels == "common" else []),
         ],
         "better": column.better,
@@ -151,7 +151,7 @@ class Section:
         methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(
-            column.n_units and not column.has_few_views for column in self.table.columns
+            column.n_scored and not column.has_few_views for column in self.table.columns
         )
         seconds = [
             column

@@ -154,12 +154,11 @@ class Along:
                 all_lines = self.scores.measured[column]
                 here = [n for n, line in enumerate(all_lines.methods) if line in names]
                 part = all_lines.of(here)
-                known = [self.scores.cells[line, column] for line in part.methods]
+                holes = [self.scores.cells[line, column].holes for line in part.methods]
                 of_level = statistics.cells(
                     column,
                     part,
-                    np.array([cell.std for cell in known]),
-                    np.array([cell.holes for cell in known]),
+                    np.array(holes),
                     self.scores.photographs,
                 )
                 cells |= {
