@@ -115,6 +115,12 @@ def compare(
                 for name in metrics
                 if scored and name not in scored
             )
+            if table.unknown:
+                noted.append(
+                    Note(
+                        f"{listed(table.unknown)}: not registered here, so nobody wins by it; add --plugin FILE"
+                    )
+                )
             tables.append(replace(table, notes=(*table.notes, *noted)))
     filled = [table for table in tables if table.columns]
     return filled if by != "method" and filled else tables  # of a region that some views lack

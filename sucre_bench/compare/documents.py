@@ -120,7 +120,9 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "tie_with_best": cell.tie,
                 **ends_of("behind", cell.behind),
                 **fields_of(cell, "wins", "effect", "holes"),
-                **fields_of(column, "n_units", "n_views", "n_scenes", "knows", "pixels"),
+                **fields_of(column, "n_units", "n_views", "n_scenes"),
+                "knows": None if column.is_unknown else column.knows,
+                "pixels": column.pixels,
                 "filled": filled.get(name, math.nan),
             }
             if comparison.baseline:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins
 from sucre_bench.plugins.plugin import Knows, Plugin, Role
-from sucre_bench.results.rows import COSTS
+from sucre_bench.results.rows import COSTS, PREFERENCE
 
 if TYPE_CHECKING:
     from sucre_bench.compare.statistics import ColumnScores
@@ -89,6 +89,11 @@ class Column:
     def n_units(self) -> int:
         """How many independent units there are: scenes, or the views of a single scene."""
         return self.n_scenes if self.n_scenes > 1 else self.n_views
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether it is the score of a metric that is not registered here."""
+        return self.plugin is None and self.metric not in (*COSTS, FILLED, PREFERENCE)
 
     @property
     def key(self) -> str:
@@ -279,18 +284,25 @@ class Comparison:
         }
 
     @property
+    def unknown(self) -> list[str]:
+        """The metrics that are not registered here, so that nobody knows what they tell."""
+        return list(dict.fromkeys(one.metric for one in self.columns if one.is_unknown))
+
+    @property
     def blind(self) -> str:
         """What a table says first in which no score shows which colours are true."""
-        why = (
-            "No chart and no reference"
-            if self.lacks_truth
-            else "No score here compares with a chart or a reference"
-        )
+        why = "No score here compares with a chart or a reference"
+        if self.unknown:
+            why = f"The plugin of {' and '.join(self.unknown)} is not loaded"
+        elif self.lacks_truth:
+            why = "No chart and no reference"
         return f"{why}: nobody can say from these numbers which colours are true."
 
     @property
     def advice(self) -> str:
         """What a table says last in which no score shows which colours are true."""
+        if self.unknown:
+            return "Give the file of the metric with --plugin FILE."
         if self.lacks_truth:
             return "Look at the pictures, mark a chart (`sucre-bench charts`), or ask people (`study`)."
         return (

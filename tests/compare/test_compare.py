@@ -1,4 +1,5 @@
 import itertools
+import json
 import re
 from dataclasses import astuple, replace
 
@@ -7,6 +8,7 @@ import pytest
 from support.made_rows import ROW, rows_of, table
 
 from sucre_bench import InputError, compare
+from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.words import left_out
 from sucre_bench.results.rows import Row, frame, replicated
 
@@ -44,6 +46,15 @@ def test_charts_of_one_view_are_not_independent():
     assert (by_chart.columns[0].n_scored, by_chart.columns[0].n_units) == (48, 12)
     assert cell.std == pytest.approx(np.std(views, ddof=1)), "over views, as the interval is"
     assert cell.high - cell.low == pytest.approx(alone.high - alone.low, rel=0.1)
+
+
+def test_a_metric_without_its_plugin_is_named_and_nothing_is_said_of_what_it_knows():
+    comparison = table({"a": [1, 2], "b": [2, 3]}, metric="of_a_plugin")
+    said = [*left_out(comparison), comparison.blind, comparison.advice]
+    assert all("of_a_plugin" in text for text in said[:2])
+    assert "--plugin" in said[2]
+    records = json.loads(as_text([comparison], "json"))
+    assert {record["knows"] for record in records} == {None}
 
 
 def test_methods_that_ran_on_older_data_are_left_out_and_named():
