@@ -66,3 +66,11 @@ def test_shards_show_all_views_alike_and_are_not_done_again(out: Path, tmp_path:
     before = calls(log)
     assert run(tmp_path / "shards", *shards, multirun=True).cached == 3
     assert calls(log) == before
+
+
+def test_a_score_outside_its_metrics_range_failed(out: Path) -> None:
+    rows = run(out, "metrics.redness.factor=100").rows
+    of_metric = rows[rows["metric"] == "redness"]
+    assert (of_metric["status"] == "failed").all()
+    assert of_metric["reason"].str.contains("redness:plain is .* range 0 to 9").all()
+    assert (rows.loc[rows["metric"] == "psnr", "status"] == "ok").all()
