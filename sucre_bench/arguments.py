@@ -188,7 +188,9 @@ def _wording(hint: Any) -> str:
     if origin is tuple and inner[-1] is not ...:
         return f"a tuple ({', '.join(map(_wording, inner))})"
     if isinstance(origin, type) and not issubclass(origin, Mapping):
-        return "a set of text" if issubclass(origin, Set) else f"a list of {_wording(inner[0])}"
+        if issubclass(origin, Set):
+            return "a set of text"
+        return "a list" if inner[0] is Any else f"a list of {_wording(inner[0])}"
     if inner and inner[0] is str and inner[1] is not Any:
         return "a dict with texts as keys"
     kind = Mapping if origin else hint

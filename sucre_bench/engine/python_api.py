@@ -31,7 +31,7 @@ from sucre_bench.thumbnails import as_html
 _ready: set[str] = set()
 # What rows take of a restoration's `info`, with its type.
 _INFO: dict[str, Any] = dict.fromkeys(
-    ("display", "dataset", "scene", "method", "code", "data_id", "device"), str
+    ("display", "dataset", "scene", "view", "method", "code", "data_id", "device"), str
 )
 _INFO |= {"options": Mapping[str, object], "seconds": float, "peak_mb": float}
 # Of these, what rows have as it is.
@@ -219,6 +219,7 @@ def restore(
         "peak_mb": measured.peak_mb,
         "dataset": scene.dataset or scene.name,
         "scene": scene.name,
+        "view": view.name,
         "data_id": scene.data_id,
         "code": source_hash(plugin),
     }
@@ -246,7 +247,7 @@ def score(
     - dataset: the dataset's name in the rows; default that of the scene.
 
     If a metric cannot score the view, its row has the status "skipped" and the reason. `sucre_bench.wide` turns the
-    rows into a table with one column for each metric. Raises InputError for an image of another size than the view's,
+    rows into a table with one column for each metric. Raises InputError for a restoration of another view or size,
     and for an unknown metric.
 
     >>> scene = load_scene("demo", views=2, width=160, height=120)
@@ -263,6 +264,10 @@ def score(
     info = {name: value for name, value in result.info.items() if value is not None}
     for name in info.keys() & _INFO:
         check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
+    restored = info.get("view", view.name)
+    if restored != view.name:
+        remedy = "pass the view that was restored"
+        raise InputError(f"is of {restored}, the view is {view.name}", "score(result)", remedy)
     seed = info.get("options", {}).get("seed", 0)
     check_argument("score(result.info['options']['seed'])", seed, int)
     how = how or info.get("display", "none")

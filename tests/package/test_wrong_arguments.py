@@ -208,6 +208,23 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
             call(**good, no_such=1)
 
 
+def test_a_restoration_of_another_view_is_not_scored() -> None:
+    with pytest.raises(sb.InputError, match=r"a\.png.*b\.png"):
+        sb.score(RESULT, SCENE["b.png"], "uciqe")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: sb.compare_methods(SCENE, "gray_world"), "pass a list or a dict"),
+        (lambda: sb.wide(3), "is 3"),
+    ],
+)
+def test_what_was_passed_is_named_beside_what_to_pass(call: Callable[[], Any], said: str):
+    with pytest.raises(sb.InputError, match=said):
+        call()
+
+
 @pytest.mark.parametrize(
     "matrix",
     [
