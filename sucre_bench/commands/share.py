@@ -235,7 +235,7 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
     n_not = sum(found.unchecked.values())
     common = f" ({found.n_common} on common pixels)" if found.n_common else ""
     shared.echo_wrapped(
-        f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or 8-bit rounding "
+        f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or rounding "
         f"(largest difference {100 * found.largest:.2g} %), {len(found.differing)} differ, {n_not} not computed again",
         9,
     )

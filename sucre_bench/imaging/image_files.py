@@ -22,6 +22,7 @@ import numpy as np
 
 from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
+from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.machine.files import (
     frames_of,
     open_atomically,
@@ -160,6 +161,12 @@ def read_bgr(path: Path) -> AnyArray:
     return stored
 
 
+def read_bgr_8bit(path: Path) -> AnyArray:
+    """Return an image (H, W, 3) uint8, BGR, of 16 bits rounded. Raises as `read_bgr`."""
+    stored = read_bgr(path)
+    return stored if stored.dtype == np.uint8 else to_8bit(to_unit(stored))
+
+
 def read_rgb(path: Path, size: Size | None = None) -> Array:
     """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
@@ -247,7 +254,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
                 else cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
             )
             decoded = (
-                _without_alpha(decoded, place, flags)
+                _without_alpha(decoded, place)
                 if header.is_tiff or decoded.shape[2:] == (4,)
                 else None
             )
@@ -295,13 +302,9 @@ def _tiff_colours(data: bytes, place: str) -> AnyArray:
         return values[..., ([2, 1, 0] if n == 3 else [0, 0, 0]) + alpha]
 
 
-def _without_alpha(stored: AnyArray, place: str, flags: int) -> AnyArray:
-    """BGR without the alpha that OpenCV would multiply by, of 8 bits unless the flags allow more."""
-    import cv2
-
+def _without_alpha(stored: AnyArray, place: str) -> AnyArray:
+    """BGR without the alpha that OpenCV would multiply by."""
     bgr, alpha = stored[..., :3], stored[..., 3:]
-    if not flags & cv2.IMREAD_ANYDEPTH:
-        return (bgr >> 8).astype(np.uint8) if bgr.dtype == np.uint16 else bgr
     if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
         fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
         say_once_a_folder(

@@ -26,8 +26,8 @@ from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import (
     PNG_HEADER,
     check_pixels,
-    decode,
     png_chunk,
+    read_bgr,
     write_image,
     write_png,
 )
@@ -303,11 +303,8 @@ def stored_picture(
 
     size: (H, W) of its view, if known. Raises MissingFileError, DamagedFileError, or InputError for another size.
     """
-    import cv2
-
     path = regular(place.restored(out, method), "repeat its run's command")
-    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    picture = np.ascontiguousarray(stored[..., ::-1])
+    picture = np.ascontiguousarray(read_bgr(path)[..., ::-1])
     if size and picture.shape[:2] != size:
         height, width = picture.shape[:2]
         fault = f"is {width}x{height}, its view {size[1]}x{size[0]}"

@@ -21,7 +21,7 @@ import numpy as np
 from sucre_bench import results
 from sucre_bench.arrays import Mask, evenly
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean
-from sucre_bench.imaging.image_files import decode
+from sucre_bench.imaging.image_files import read_bgr_8bit
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import read_json, reading, write_atomically
 from sucre_bench.machine.pages import filled_in
@@ -279,7 +279,7 @@ def _pictures(
             raise MissingFileError(
                 f"the restored image of {shown.view} is gone", path, "repeat the run's command"
             )
-        image = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
+        image = read_bgr_8bit(path)[..., ::-1]
         if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
             raise InputError(
                 f"{path}: is not of the size of the other methods' pictures; run this method again"

@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at
 from sucre_bench.imaging.drawing import depth_colours
-from sucre_bench.imaging.image_files import decode, write_png
+from sucre_bench.imaging.image_files import read_bgr_8bit, write_png
 from sucre_bench.machine.files import reading, write_atomically
 from sucre_bench.machine.pages import filled_in
 from sucre_bench.machine.progress import track
@@ -332,7 +332,7 @@ def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[
     """Return an image and its depth map, coloured between bounds (near, far; black: none), as data URIs."""
     import cv2
 
-    stored = decode(image, cv2.IMREAD_COLOR)
+    stored = read_bgr_8bit(image)
     size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
     coloured = depth_colours(nearest(depth, size), *bounds, unknown=0)[..., ::-1]
     pictures = (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured)

@@ -4,5 +4,5 @@ In: a bundle, see `sucre_bench.results.bundle_format`, and the data if they are 
 Metrics and datasets are those registered here. Nothing of the bundle is executed or unpacked onto the disk.
 """
 
-# The allowed difference as a share of a score. Pictures have 8 bits, scores were computed before that rounding.
+# The allowed difference as a share of a score. Scores were computed before pictures were rounded.
 TOLERANCE = 0.001

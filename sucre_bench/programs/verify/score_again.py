@@ -1,4 +1,4 @@
-"""The metrics that score a bundle again, whether a score agrees with that of the 8-bit picture, and the bundle's data
+"""The metrics that score a bundle again, whether a score agrees with that of the stored picture, and the bundle's data
 in the folders that the user names.
 """
 
@@ -32,7 +32,6 @@ Key = tuple[str, str, str]  # metric, variant, region
 
 _CONFIG = "config.yaml"
 _MOST_BYTES = 4_000_000  # of a stranger's YAML that is read
-_HALF_STEP = np.float32(0.5 / 255)
 # Within the cube of rounding a score may differ more than at its corners: de00 1.08 times, in 1 of 9,776 scores.
 _WITHIN = 1.2
 
@@ -58,7 +57,7 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
     def made(metric: str, variant: str, options_hash: str) -> Scorer | str:
         plugin = plugins.get("metric", metric)
         if plugin is None:
-            return f"no metric {metric} is registered here"
+            return f"no metric {metric} is registered here; add --plugin FILE"
         if plugin.is_of_pairs:
             return f"{metric} is of several restored views together"
         try:
@@ -122,17 +121,20 @@ def _difference(one: float, other: float, period: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """A restoration whose image is a picture of 8 bits, scored again."""
+    """A restoration whose image is a stored picture, scored again."""
 
     restoration: Restoration
     """Pixels of its image that have no colour are NaN."""
+
+    step: float
+    """Between two levels of the picture; 0 where the scores were made from it."""
 
     view: View
 
     scorers: Sequence[Scorer]
     """Metrics, with one variant each."""
 
-    _corners: dict[tuple[str, str], list[dict[Key, Row]]] = field(
+    _moved: dict[tuple[str, str], list[dict[Key, Row]]] = field(
         default_factory=dict, init=False
     )
 
@@ -150,40 +152,46 @@ class Pictured:
         size: the median size of the column; it stands for that of a score near zero.
         """
         row = self.rows[key]
+        if stored == row.value:
+            return 0.0
         period = scorer.plugin.period
-        if row.status == "ok" and math.isfinite(stored):
+        if math.isfinite(row.value) and math.isfinite(stored):
             scale = period / 2 if math.isfinite(period) else max(abs(stored), size)
             apart = max(0.0, _difference(stored, row.value, period) - 1e-9)
             if apart > tolerance * scale:
-                apart = max(0.0, apart - self._reach(scorer, key))
+                around = self._around(scorer, key)
+                reach = max((_difference(one, row.value, period) for one in around), default=0)
+                apart = max(0.0, apart - _WITHIN * reach)
             return apart / scale if apart else 0.0
-        return 0.0 if stored == row.value or math.isinf(self._reach(scorer, key)) else math.inf
+        around = self._around(scorer, key)
+        if math.isnan(
+            row.value
+        ):  # a patch that is gray in 8 bits has no hue, whichever it had before
+            return 0.0 if around else math.inf
+        # a picture without any error was rounded to it from what has some
+        is_between = any(min(one, row.value) <= stored <= max(one, row.value) for one in around)
+        return 0.0 if math.isinf(row.value) and is_between else math.inf
 
-    def _reach(self, scorer: Scorer, key: Key) -> float:
-        """Return how far rounding may have moved a score of chart patches from the one of the picture.
+    def _around(self, scorer: Scorer, key: Key) -> list[float]:
+        """Return scores of pictures that differ by rounding, as far as they are finite.
 
-        Rounding moves the median of a patch by half a step of 8 bits at most. So the unrounded median is in a cube
-        around the one in the picture. Scores at the cube's corners tell how far a score may be from the one at its
-        centre. 0 for a metric that needs no charts. Infinite where the picture gives no value and a corner does: a
-        patch that is gray in 8 bits has no hue, whichever it had before.
+        Rounding moves a pixel, and the median of a patch, by half a step at most. So the unrounded colour is in a cube
+        around the one in the picture. All colours are moved to the same corner of their cubes, for each corner, and
+        each colour to a corner of its own.
         """
-        if "charts" not in scorer.plugin.needs or not self.view.charts:
-            return 0.0
-        if key[:2] not in self._corners:
+        if key[:2] not in self._moved:
             image = self.restoration.image
-            signs = np.array(list(itertools.product((-1, 1), repeat=3)), dtype=np.float32)
-            shifted = ((image + _HALF_STEP * sign).clip(0, 1) for sign in signs)
-            self._corners[key[:2]] = [
+            corners = [np.array(one) for one in itertools.product((-1, 1), repeat=3)]
+            corners.append(np.random.default_rng(0).choice((-1, 1), image.shape))
+            # short of where metrics that round to 8 bits take the next level
+            half = np.float32(0.499 * self.step)
+            moved = ((image + half * one.astype(np.float32)).clip(0, 1) for one in corners)
+            self._moved[key[:2]] = [
                 scores_of(replace(self.restoration, image=one), one, self.view, [scorer])
-                for one in shifted
+                for one in moved
             ]
-        around = [rows[key].value for rows in self._corners[key[:2]] if key in rows]
-        known = [one for one in around if math.isfinite(one)]
-        value = self.rows[key].value
-        if not math.isfinite(value):
-            return math.inf if known else 0.0
-        apart = [_difference(one, value, scorer.plugin.period) for one in known]
-        return _WITHIN * max(apart, default=0.0)
+        around = [rows[key].value for rows in self._moved[key[:2]] if key in rows]
+        return [one for one in around if math.isfinite(one)]
 
 
 Scenes = dict[tuple[str, str], Scene]  # by dataset label, and name in rows

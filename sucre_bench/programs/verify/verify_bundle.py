@@ -180,8 +180,18 @@ def _wrong_meaning(rows: DataFrame) -> Iterator[str]:
             yield f"{said}; it is '{plugin.unit}', {plugin.better}"
 
 
-def _picture(bundle: Bundle, name: str) -> Array:
-    """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is none of ordinary size.
+class _Picture(NamedTuple):
+    """A picture of a bundle."""
+
+    pixels: Array
+    """(H, W, 3) float32 RGB in [0, 1]."""
+
+    step: float
+    """Between two levels."""
+
+
+def _picture(bundle: Bundle, name: str) -> _Picture:
+    """Return a picture of a bundle. InputError if it is none of ordinary size.
 
     A restored image is a PNG; views and references may be JPEG files, which are not exact.
     """
@@ -202,7 +212,8 @@ def _picture(bundle: Bundle, name: str) -> Array:
         stored = decode_bytes(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, name)
     except InputError as fault:
         raise fault.within(bundle.path) from fault
-    return locked(to_unit(stored[..., ::-1]))
+    pixels = locked(to_unit(stored[..., ::-1]))
+    return _Picture(pixels, 1 / np.iinfo(stored.dtype).max)
 
 
 def _is_share(plugin: Plugin) -> bool:
@@ -216,13 +227,16 @@ class _Opened(NamedTuple):
     restoration: Restoration
     """Its image is the restored image, NaN = a hole."""
 
+    step: float
+    """Between two levels of it; 0 where scores were made from the stored picture."""
+
     # Names of the pictures, "" for what is not there.
     image: str
     view: str
     reference: str
 
 
-def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Opened | None:
+def _opened(bundle: Bundle, picture_of: Callable[[str], _Picture], row: Any) -> _Opened | None:
     """Open the restoration of a row; None if the bundle does not have its restored image. picture_of: see `_picture`.
 
     Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
@@ -238,7 +252,7 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
     names = map(Path.as_posix, files)
     name, record_name, view, reference = (one if one in bundle.inside else "" for one in names)
-    picture = picture_of(name)
+    picture, step = picture_of(name)
     remedy = "ask who made the bundle"
     with reading(bundle.path / name, f"{remedy} for another"):
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
@@ -252,7 +266,7 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     record = record if isinstance(record, dict) else {}
     water = water_of(record, bundle.path / record_name)
     record.pop("true_water", None)  # metrics get that of the data
-    return _Opened(Restoration(picture, water, info=record), name, view, reference)
+    return _Opened(Restoration(picture, water, info=record), step, name, view, reference)
 
 
 class _Check:
@@ -321,9 +335,8 @@ class _Check:
             common = self._common_pixels(said, found)
             for method, opened in found.items():
                 image = masked(opened.restoration.image, common)
-                on_common = opened._replace(
-                    restoration=replace(opened.restoration, image=image)
-                )
+                restoration = replace(opened.restoration, image=image)
+                on_common = opened._replace(restoration=restoration, step=0.0)
                 of_method = [score for score in scores if score.method == method]
                 self._score(whole[method], on_common, of_method)
 
@@ -369,14 +382,17 @@ class _Check:
                 )
             restoration = with_truth(restoration, scene, view)
         else:  # from the bundle's pictures, as far as they go
-            rgb = (
-                self._picture(opened.view) if opened.view else np.zeros_like(restoration.image)
-            )
-            reference = self._picture(opened.reference) if opened.reference else None
+            rgb = np.zeros_like(restoration.image)
+            if opened.view:
+                rgb = self._picture(opened.view).pixels
+            reference = None
+            if opened.reference:
+                reference = self._picture(opened.reference).pixels
             view = View(row.view, Arrays(rgb, reference=reference))
         chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]
         pictured = Pictured(
             restoration,
+            opened.step,
             view,
             [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()],
         )

@@ -18,7 +18,7 @@ import numpy as np
 
 from sucre_bench.arrays import Mask, Picture
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import decode, encode_png
+from sucre_bench.imaging.image_files import encode_png, read_bgr_8bit
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.results.restorations import read_full_arrays, read_mask
 
@@ -88,7 +88,7 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     import cv2
 
     try:
-        image = decode(path, cv2.IMREAD_COLOR)
+        image = read_bgr_8bit(path)
     except InputError:  # the page says that there is no picture
         return []
     blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]

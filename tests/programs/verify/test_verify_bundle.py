@@ -245,6 +245,33 @@ def test_rounding_to_8_bits_is_no_difference_of_a_patch(bench, charted: Path):
     )
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_rounding_of_pictures_is_no_difference_and_more_than_that_is(tmp_path: Path, bits: int):
+    (tmp_path / "half.py").write_text(HALF)
+    words = (*MADE, "method=gray_world,half", "metrics=[psnr,ssim]", f"bits={bits}", *QUIET)
+    run = ("run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
+    succeeded(tmp_path, *run)
+    succeeded(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored")
+
+    def found() -> Any:
+        return json.loads(
+            run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json").stdout
+        )
+
+    honest = found()
+    assert (honest["differing"], honest["unchecked"], honest["faults"]) == ([], {}, [])
+
+    def flatter(rows: pd.DataFrame) -> None:
+        is_other = (rows["metric"] != "psnr") | (rows["view"] != "view_001.png")
+        values = pd.to_numeric(rows["value"])
+        rows["value"] = values.where(is_other, values * 1.02)
+
+    rewritten(tmp_path / "b.zip", with_table(flatter))
+    assert {(score["metric"], score["view"]) for score in found()["differing"]} == {
+        ("psnr", "view_001.png")
+    }
+
+
 @pytest.mark.parametrize(("metric", "change"), [("de00", 3.0), ("hue", 30.0)])
 def test_a_patch_that_was_flattered_is_found_out(
     bench, charted: Path, tmp_path: Path, metric: str, change: float
