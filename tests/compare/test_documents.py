@@ -149,9 +149,8 @@ def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
         assert [line.split(" & ")[0] for line in lines] == ["method", "one", "two"]
         assert {line.count("&") for line in lines} == {len(columns) - 1}
         assert max(len(re.sub(r"\\\w+|[{}$\\]", "", line)) for line in lines) < 130
-    assert re.findall(r"metric\d", text[: text.index("% mean")]) == [
-        f"metric{n}" for n in range(9)
-    ]
+    heads = re.findall(r"metric\d", text[text.index("tabular") :])
+    assert heads[:9] == [f"metric{n}" for n in range(9)]
 
 
 def test_cells_show_mean_interval_tie_and_holes():
