@@ -19,7 +19,7 @@ import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array, evenly
-from sucre_bench.imaging.encoding import converted, srgb_decode
+from sucre_bench.imaging.encoding import converted, is_grey, srgb_decode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.imaging.image_formation import distances
 from sucre_bench.machine.progress import say, track
@@ -177,7 +177,7 @@ def pooled(
         counted += 1
     if not sums[:, 0].any():
         raise SolveError(
-            f"{scene.name}: no view can be counted; give views with readable images and depth maps"
+            f"{scene.name}: no view can be counted; give views with readable images in colour and depth maps"
         )
     enough = sums[sums[:, 0] >= options.fewest]
     # one bin for all where none has enough
@@ -202,6 +202,8 @@ def _counted(
             z = view.distance if along == "distance" else view.depth
             step = max(1, math.isqrt(z.size // _ENOUGH))
             rgb = converted(view.rgb[::step, ::step], view.encoding, encoding)
+            if is_grey(rgb):
+                raise InputError("is grey", view.name, "give it in colour")
         except InputError as fault:
             say(f"colours by range: {view.name} is left out, {fault}")
             continue

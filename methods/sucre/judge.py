@@ -1,6 +1,7 @@
 """Chooses the model of a dive by what it predicts in views that it has not seen.
 
-Every second view of the dive is one half. Each model is fitted to one half, and predicts the other, for some targets:
+Every second view of the dive is one half; of three views, each pair is taken for one. Each model is fitted to one half,
+and predicts the other, for some targets:
 
 - *held-out error*: the median of |predicted - observed| over means of tiles of the target, in each view of the other
   half, over that of no water, where a colour is the mean of its observations. One gain for each view and channel is
@@ -356,7 +357,11 @@ class Court:
         on_itself: judge fits to all views on these.
         """
         names = dive.observations.views
-        parts = [names] if on_itself else [names[::2], names[1::2]]
+        parts = [names[::2], names[1::2]]
+        if on_itself:
+            parts = [names]
+        elif len(names) == 3:
+            parts = [names[:2], names[::2], names[1:]]
         halves = [frozenset(part) for part in parts if len(part) > 1]
         if not halves:
             return None
@@ -535,8 +540,11 @@ class Court:
             if is_admissible(one, np.inf) and one.held_out <= as_good
         ]
         apart = [each / math.sqrt(len(equals)) for each in equals]
-        if len(halves) == 2:
-            apart.append((halves[0] - halves[1]) / 2)
+        # the jackknife that leaves out half of the views, or a third
+        kept = np.mean([len(half) for half in self.halves])
+        left_out = len(self.parts[-1].observations.views) - kept
+        scale = math.sqrt(kept / left_out / len(halves))
+        apart += [scale * (half - np.mean(halves, axis=0)) for half in halves]
         each = np.reshape(apart, (-1, 3, 3))
         return np.einsum("kci,kcj->cij", each, each).tolist()
 

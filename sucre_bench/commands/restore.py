@@ -121,8 +121,8 @@ def restore(
         trust = _of_water(done.together)
         measured = [one.measured for one in done.together if "beta" in one.record]
         if measured:
-            guesses = "have a measured distance, and colours of the others are guesses"
-            trust += f"; {sum(measured) / together:.0%} of the pixels {guesses}"
+            others = "have a measured distance, and the others balanced colours"
+            trust += f"; {sum(measured) / together:.0%} of the pixels {others}"
         alone = len(done.names) - together - done.n_instead
         if alone:
             trust += f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"

@@ -31,6 +31,12 @@ def converted(image: Array, source: Encoding, target: Encoding) -> Array:
     return srgb_decode(image) if target == "linear" else srgb_encode(image)
 
 
+def is_grey(image: AnyArray) -> bool:
+    """Whether an image (H, W, 3) has no colours: in each pixel all channels are equal."""
+    # a few pixels tell most images from grey ones
+    return all(bool((part == part[..., :1]).all()) for part in (image[::16, ::16], image))
+
+
 def to_8bit(shown: Array) -> np.ndarray:
     """Round a picture in [0, 1] to uint8; pixels without colour become black (SUCRe's convention)."""
     return to_levels(shown, 8)

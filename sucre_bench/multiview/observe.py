@@ -23,7 +23,7 @@ import psutil
 from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
-from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.imaging.encoding import is_grey, srgb_decode
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.machine.progress import say, track
 from sucre_bench.multiview.observations import (
@@ -82,9 +82,9 @@ def observe(
     with_view, with_ray: fill these fields of the result; folder: an empty folder to hold arrays in, not in memory.
 
     Colours that are not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of
-    the target's pixels or less, and views with an unreadable file.
-    Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free. InputError
-    if the target has no depth map or pose, or an option is wrong.
+    the target's pixels or less, views with an unreadable file, and grey photographs where the target has colours.
+    Raises NotApplicableError if no pixel of the target has depth, or if it is grey and another view is not. SolveError
+    if too little memory is free. InputError if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
     if encoding not in get_args(Kept):
@@ -105,7 +105,9 @@ def observe(
     most = np.cumsum(visible[chosen])
     shape = (surface.camera.height, surface.camera.width)
     least = MIN_SHARE * shape[0] * shape[1]
-    see = partial(_see, surface, target.name, least, encoding, with_ray)
+    see = partial(
+        _see, surface, target, is_grey(_image(target, encoding)), least, encoding, with_ray
+    )
     seen: list[Seen] = []
     unreadable: list[str] = []
     with ExitStack() as stack:
@@ -163,19 +165,34 @@ def _in_order(
                 future.cancel()
 
 
+def _image(view: View, encoding: Kept) -> npt.NDArray[Any]:
+    """The image of a view; where no colour is computed of it, its mapped 8-bit levels will do."""
+    levels = view.levels if encoding == "view" else None
+    return view.rgb if levels is None else levels
+
+
 def _see(
-    surface: Surface, target: str, least: float, encoding: Kept, with_ray: bool, view: View
+    surface: Surface,
+    target: View,
+    is_target_grey: bool,
+    least: float,
+    encoding: Kept,
+    with_ray: bool,
+    view: View,
 ) -> tuple[Seen | None, float]:
     """The observations in a view, None if there are `least` or fewer; and the seconds spent reading."""
     _, read_s = _timed(lambda: view.has_depth)
-    matches = own_matches(surface) if view.name == target else match(surface, view)
+    matches = own_matches(surface) if view.name == target.name else match(surface, view)
     if matches is None or len(matches.pixels) <= least:
         return None, read_s
     began = time.perf_counter()
-    # Where no colour is computed of the image, its mapped 8-bit levels will do.
-    levels = view.levels if encoding == "view" else None
-    rgb = view.rgb if levels is None else levels
+    rgb = _image(view, encoding)
     read_s += time.perf_counter() - began
+    if is_grey(rgb) != is_target_grey:
+        if is_target_grey:
+            remedy = "give this photograph in colour"
+            raise NotApplicableError(f"{target.name}: is grey, {view.name} is not; {remedy}")
+        raise InputError("it is grey, and the target is not; give it in colour")
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
         sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"

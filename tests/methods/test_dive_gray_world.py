@@ -48,7 +48,8 @@ def test_an_image_of_one_distance_is_corrected_by_what_others_saw_there():
     z = np.zeros((HEIGHT, WIDTH), np.float32)
     z[:4, :25] = 2.0
     mean = pooled(dive(*views), DiveGrayWorld(), "gamma", "depth").at(np.array(2.0), 0)[0]
-    red = View("red.png", Arrays(np.full((HEIGHT, WIDTH, 3), float(mean) + 0.1), z))
+    colour = np.broadcast_to([mean + 0.1, mean, mean], (HEIGHT, WIDTH, 3))
+    red = View("red.png", Arrays(colour, z))
     alone = DiveGrayWorld().restore(dive(red), red).image[0, 0, 0]
     among = DiveGrayWorld().restore(dive(red, *views), red).image[0, 0, 0]
     assert alone == pytest.approx(0.5, abs=0.01)

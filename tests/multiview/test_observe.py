@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.made_scene import make_camera, make_pose, make_scene
 
-from sucre_bench import Arrays, InputError, SolveError, View
+from sucre_bench import Arrays, InputError, NotApplicableError, SolveError, View
 from sucre_bench.multiview import observe as module
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -154,14 +154,14 @@ def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits() -> None:
     target = flat_view(
         "a", lambda X, Y: np.broadcast_to(codes[[0, 1, 2]] / 255, (*X.shape, 3)), 0
     )
-    white = flat_view("b", lambda X, Y: np.ones((*X.shape, 3)), 0.1)
-    observations = observe(target, [target, white], encoding="linear", with_view=True)
+    bright = flat_view("b", lambda X, Y: np.broadcast_to([1.0, 1, 0], (*X.shape, 3)), 0.1)
+    observations = observe(target, [target, bright], encoding="linear", with_view=True)
     assert observations.colour.dtype == np.uint16
     assert set(map(tuple, observations.colour[:, observations.view == 0].T.tolist())) == {
         (0, 199, 14146)
     }
     assert set(map(tuple, observations.colour[:, observations.view == 1].T.tolist())) == {
-        (65535, 65535, 65535)
+        (65535, 65535, 0)
     }
 
 
@@ -219,6 +219,21 @@ def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
     ]
     with pytest.raises(InputError, match=r"^a\.png: damaged$"):
         observe(views[OWN], views)
+
+
+def test_a_grey_photograph_among_those_with_colours_is_left_out_and_told() -> None:
+    def grey(view: View) -> View:
+        return replace(view, pixels=Arrays(np.repeat(view.rgb[..., :1], 3, -1), view.depth))
+
+    views = [grey(view) if view.name == "side.png" else view for view in SCENE]
+    observations = observe(TARGET, views)
+    assert observations.views == ("near.png", "a.png", "far.png")
+    assert "grey" in observations.unreadable[0]
+    with pytest.raises(NotApplicableError, match=r"^a\.png: is grey"):
+        observe(grey(TARGET), [grey(v) if v.name == "a.png" else v for v in SCENE])
+    observations = observe(grey(TARGET), [grey(view) for view in SCENE])
+    assert len(observations.views) == 4
+    assert not observations.unreadable
 
 
 def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that_shows_nothing() -> (

@@ -19,7 +19,7 @@ from sucre_bench.camera import (
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.encoding import converted, to_8bit
+from sucre_bench.imaging.encoding import converted, is_grey, to_8bit
 from sucre_bench.loading.named_sets import Print, print_of
 from sucre_bench.multiview.overlaps import LONG_SIDE
 from sucre_bench.scene import Arrays, View
@@ -80,6 +80,9 @@ class ViewFacts:
 
     saturated: float = 0.0
     """Share of pixels with a full channel."""
+
+    is_grey: bool = False
+    """Whether no pixel has a colour."""
 
     charts: tuple[ChartFacts, ...] = ()
 
@@ -152,6 +155,7 @@ def look_at(view: View, reference: bool) -> Look:
                 converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)
             ),
             saturated=float((rgb >= _FULL).any(axis=-1).mean()),
+            is_grey=is_grey(rgb),
             charts=_charts(view, rgb, distance),
         )
     shrink = min(1.0, LONG_SIDE / max(width, height, 1))

@@ -97,6 +97,7 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
     black = [v for v in seen if max(v.mean) < _BLACK and max(v.spread) < _FLAT]
     flat = [v for v in seen if max(v.spread) < _FLAT and v not in black]
     alive = [v for v in seen if max(v.spread) >= _FLAT]
+    grey = [v for v in alive if v.is_grey]
     burnt = [v for v in alive if v.saturated > _SATURATED]
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
     share = max((v.saturated for v in burnt), default=0)
@@ -108,6 +109,7 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
     found = [
         ("black", "black image", "leave them out", black),
         ("one colour", "image of one colour", "leave them out", flat),
+        ("grey", "no colours", "give them in colour, or leave them out", grey),
         *(
             (
                 "empty channel",

@@ -136,11 +136,12 @@ def _moved(view: View) -> Arrays:
     [
         (lambda v: np.zeros_like(v.rgb), "black"),
         (lambda v: np.full_like(v.rgb, 0.4), "one colour"),
+        (lambda v: np.repeat(v.rgb[..., :1], 3, -1), "grey"),
         (lambda v: v.rgb * np.array([0, 1, 1], np.float32), "empty channel"),
         (lambda v: (v.rgb * 3).clip(0, 1), "saturated"),
         (lambda v: v.rgb * np.float32(0.12), "dark"),
     ],
-    ids=["black", "constant", "no red", "saturated", "dark"],
+    ids=["black", "constant", "grey", "no red", "saturated", "dark"],
 )
 def test_an_image_without_much_to_see_is_named(
     rgb: Callable[[View], np.ndarray], kind: str
