@@ -117,7 +117,8 @@ class DiveGrayWorld(FillOption):
         import cv2
 
         z, along = distances(view)
-        statistics = pooled(scene, self, view.encoding, along)
+        counted = (scene, self, view.encoding, along, is_grey(view.rgb))
+        statistics = pooled(*counted)
         brightness, contrast = self.brightness, self.contrast
         if view.encoding == "linear":
             low, high = (
@@ -136,7 +137,7 @@ class DiveGrayWorld(FillOption):
             if self.by_place:
                 mean, deviation = (
                     cv2.resize(cells, z.shape[::-1], interpolation=cv2.INTER_LINEAR)
-                    for cells in _flat_field(scene, self, view.encoding, along)
+                    for cells in _flat_field(*counted)
                 )
                 image = (
                     (image - brightness - contrast * mean) / deviation + brightness
@@ -156,16 +157,17 @@ class DiveGrayWorld(FillOption):
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it
 def pooled(
-    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along, grey: bool = False
 ) -> RangeStatistics:
     """Return the statistics of a scene, counted view by view.
 
-    encoding: of the intensities counted; along: what distances are measured along. Views without depth, without a
-    camera where `along` is "distance", or with a damaged file are left out. Raises SolveError when none is left.
+    encoding: of the intensities counted; along: what distances are measured along; grey: whether grey images are
+    counted, or those with colours. Views without depth, without a camera where `along` is "distance", or with a damaged
+    file are left out. Raises SolveError when none is left.
     """
     sums = np.zeros((_MOST_BINS, 8))  # pixels, their distances, three channels, their squares
     counted = 0
-    for rgb, z, step in _counted(scene, options, encoding, along):
+    for rgb, z, step in _counted(scene, options, encoding, along, grey):
         for rows in (slice(top, top + _ROWS) for top in range(0, len(z), _ROWS)):
             if (seen := z[rows] > 0).any():
                 distance = z[rows][seen].astype(np.float64)
@@ -177,7 +179,7 @@ def pooled(
         counted += 1
     if not sums[:, 0].any():
         raise SolveError(
-            f"{scene.name}: no view can be counted; give views with readable images in colour and depth maps"
+            f"{scene.name}: no view can be counted; give views with readable images and depth maps"
         )
     enough = sums[sums[:, 0] >= options.fewest]
     # one bin for all where none has enough
@@ -191,7 +193,7 @@ def pooled(
 
 
 def _counted(
-    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along, grey: bool
 ) -> Iterator[tuple[Array, Array, int]]:
     """Yield image (h, w, 3), distances (h, w) of the views to count, and which row and column these are each."""
     for k in track(evenly(len(scene), options.most_views or len(scene)), "colours by range"):
@@ -202,8 +204,9 @@ def _counted(
             z = view.distance if along == "distance" else view.depth
             step = max(1, math.isqrt(z.size // _ENOUGH))
             rgb = converted(view.rgb[::step, ::step], view.encoding, encoding)
-            if is_grey(rgb):
-                raise InputError("is grey", view.name, "give it in colour")
+            if is_grey(rgb) != grey:
+                fault = "it has colours" if grey else "it is grey"
+                raise InputError(f"{fault}, and the restored view is not so")
         except InputError as fault:
             say(f"colours by range: {view.name} is left out, {fault}")
             continue
@@ -212,7 +215,7 @@ def _counted(
 
 @functools.lru_cache(maxsize=4)
 def _flat_field(
-    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along, grey: bool
 ) -> Array:
     """Return mean and deviation (2, 16, 16, 3) of what the statistics by range leave at each place in the image.
 
@@ -220,8 +223,11 @@ def _flat_field(
     """
     import cv2
 
-    statistics, sums = pooled(scene, options, encoding, along), np.zeros((_CELLS, _CELLS, 7))
-    for rgb, z, step in _counted(scene, options, encoding, along):
+    statistics, sums = (
+        pooled(scene, options, encoding, along, grey),
+        np.zeros((_CELLS, _CELLS, 7)),
+    )
+    for rgb, z, step in _counted(scene, options, encoding, along, grey):
         known, left = (
             (z > 0)[..., None].astype(np.float32),
             np.empty(rgb.shape, dtype=np.float32),

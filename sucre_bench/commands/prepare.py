@@ -1,6 +1,7 @@
 """`sucre-bench prepare`: makes a scene of photographs."""
 
 import shlex
+import sys
 from pathlib import Path
 from typing import Any, get_args
 
@@ -127,6 +128,9 @@ def prepare(
     Then look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length,
     --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you
     give another. If you stop prepare, the same command continues.
+
+    Exit codes: 0, the scene is made; 1, no photo of it has depth; 2, the command has a mistake, or no photos can be
+    related; 130, stopped.
     """
     from sucre_bench.jobs.word_syntax import quoted
     from sucre_bench.programs.prepare import pipeline
@@ -163,6 +167,9 @@ def prepare(
     click.echo(f"lens     focal length {done.focal}")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
+    if not covered:
+        click.echo("depth    no photo has any, so no method that needs depth can restore them")
+        sys.exit(1)
     restored = out.with_name(f"{out.name}-restored")
     click.echo(
         f"pictures sucre-bench restore {shlex.quote(str(out))} {shlex.quote(str(restored))}"

@@ -172,8 +172,10 @@ def over_views(columns: Sequence[Column]) -> list[str]:
     """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
     measured = [column for column in columns if column.n_scored]
     scores = [column for column in measured if column.ranked and not column.is_share_filled]
+    told = {column.n_views for column in scores}
+    scores += [column for column in measured if column.n_views not in told]
     alike = defaultdict[str, list[str]](list)
-    for column in sorted(scores or measured, key=lambda column: -column.n_views):
+    for column in sorted(scores, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
         charts = (
             f" ({counted(column.n_scored, 'chart')})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,19 @@ from sucre_bench.arrays import Array, Picture
 
 if TYPE_CHECKING:
     import PIL.Image
+    import PIL.ImageFont
 
 # pixels between the pairs of a contact sheet, and of the height of a caption
 _GAP = 8
 _TEXT = 20
+
+
+def font(size: int) -> PIL.ImageFont.FreeTypeFont:
+    """Return a font with the letters of European languages, in pixels."""
+    from matplotlib import get_data_path
+    from PIL import ImageFont
+
+    return ImageFont.truetype(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def captioned(picture: Picture, text: str) -> Picture:
@@ -22,16 +32,16 @@ def captioned(picture: Picture, text: str) -> Picture:
 
     Letters are a thirtieth of the picture's height, at least 11 pixels; what does not fit its width is cut.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw
 
     size = max(11, picture.shape[0] // 30)
-    font = ImageFont.load_default(size)
+    letters = font(size)
     pad = size // 2
-    while len(text) > 1 and font.getlength(text) + 2 * pad > picture.shape[1]:
+    while len(text) > 1 and letters.getlength(text) + 2 * pad > picture.shape[1]:
         text = text[:-1]
-    wide, high = round(font.getlength(text)) + 2 * pad, size + 2 * pad
+    wide, high = round(letters.getlength(text)) + 2 * pad, size + 2 * pad
     plate = Image.new("RGB", (wide, high), "#202020")
-    ImageDraw.Draw(plate).text((pad, high // 2), text, fill="white", font=font, anchor="lm")
+    ImageDraw.Draw(plate).text((pad, high // 2), text, fill="white", font=letters, anchor="lm")
     words = np.asarray(plate)[: picture.shape[0], : picture.shape[1]]
     marked = picture.copy()
     marked[: words.shape[0], : words.shape[1]] = words
@@ -48,7 +58,7 @@ def contact_sheet(
 
     wide: most pixels of a picture's width; top: pixels above the first pair.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw
 
     columns = 1
     if len(pairs) > 3:
@@ -58,7 +68,7 @@ def contact_sheet(
     sheet = Image.new(
         "RGB", (columns * across + _GAP, top + -(-len(pairs) // columns) * high), "white"
     )
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    pen, letters = ImageDraw.Draw(sheet), font(13)
     for place, (pair, caption) in enumerate(zip(pairs, captions, strict=True)):
         x, y = _GAP + place % columns * across, top + place // columns * high
         for left, picture in zip((x, x + wide + 2), pair, strict=True):
@@ -67,7 +77,7 @@ def contact_sheet(
             (x, y + max(picture.height for picture in pair) + 2),
             caption,
             fill="black",
-            font=font,
+            font=letters,
         )
     return sheet
 

@@ -173,8 +173,8 @@ def view_of(
 ) -> View:
     """Return the view of a photograph, undistorted when it is decoded. Reads the image's header.
 
-    A wrong image size becomes a fault of the view. Raises InputError if no pinhole image can be made with the lens, or
-    if a chart lies where its distortion cannot be undone.
+    A wrong image size becomes a fault of the view. Raises InputError if no pinhole image can be made with the lens, if
+    a chart lies where its distortion cannot be undone, or if the scaled image is too small to have its shape.
     """
     lens, image, fault = photograph.lens, photograph.image, photograph.fault
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
@@ -205,6 +205,12 @@ def view_of(
             1,
         )
     width, height = (max(1, round(side * image_scale)) for side in size)
+    if not same_shape(size, (width, height)):
+        raise InputError(
+            f"makes {width}x{height} of {photograph.name}, {size[0]}x{size[1]}",
+            f"image_scale={image_scale:g}",
+            "give a larger one",
+        )
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
     read = photograph.read_depth

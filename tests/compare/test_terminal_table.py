@@ -380,6 +380,13 @@ def test_each_column_says_over_how_few_views_it_is():
     assert "psi: over 2 views" in block.text
 
 
+def test_what_is_over_more_views_than_the_scores_says_so():
+    taste = {"a": [1.0, 2, 3, 4], "b": [2.0, 3, 4, 5]}
+    block = printed(compared({"psi": MIXED["psi"], "uciqe": taste}))
+    assert "means over 4 views" in block.text
+    assert "psi: over 2 views" in block.text
+
+
 def test_the_photograph_beside_them_changes_no_difference_between_two_methods() -> None:
     rng = np.random.default_rng(0)
     scores = {name: list(rng.normal(mean, 1, 24)) for name, mean in (("a", 1.0), ("b", 0.5))}

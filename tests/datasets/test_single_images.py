@@ -50,6 +50,8 @@ def test_photos_are_views_without_depth_or_camera(tmp_path: Path) -> None:
     half = only(Photos(root, image_scale=0.5))
     assert half.views[0].rgb.shape == (HEIGHT // 2, WIDTH // 2, 3)
     assert half.data_id != scene.data_id
+    with pytest.raises(InputError, match=r"image_scale=0\.02: makes 1x1"):
+        only(Photos(root, image_scale=0.02))
     assert [view.name for view in only(Photos(root, subfolders=True))] == [
         "a.tif",
         "b.png",

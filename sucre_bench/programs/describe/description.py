@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Size, evenly
 from sucre_bench.engine.preflight import Selection
 from sucre_bench.errors import ANY_FAULT
-from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marked
+from sucre_bench.imaging.drawing import contact_sheet, depth_colours, font, save_marked
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
@@ -111,7 +111,7 @@ class Described:
 
     def sheet(self, suffix: str = ".png") -> bytes:
         """Return the contact sheet as PNG or JPEG, by the suffix."""
-        from PIL import Image, ImageDraw, ImageFont
+        from PIL import Image, ImageDraw
 
         values = _distances(self.looks, 16)
         low, top = np.percentile(values, [1, 99]).tolist() if values.size else (0.0, 1.0)
@@ -137,11 +137,11 @@ class Described:
         sheet = contact_sheet(pairs, captions, _WIDE, _HEAD)
         pen = ImageDraw.Draw(sheet)
         title = f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
-        pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
+        pen.text((_GAP, _GAP), title, fill="black", font=font(17))
         bar = np.tile(np.linspace(low, top, 256), (10, 1))
         sheet.paste(Image.fromarray(depth_colours(bar, low, top, _GRAY)), (_GAP, 34))
         scale = f"distance {low:.3g} to {top:.3g} {self.unit}, gray: unknown"
-        pen.text((_GAP + 264, 30), scale, fill="black", font=ImageFont.load_default(14))
+        pen.text((_GAP + 264, 30), scale, fill="black", font=font(13))
         content = io.BytesIO()
         save_marked(content, sheet, suffix)
         return content.getvalue()
@@ -149,12 +149,12 @@ class Described:
 
 def _tile(picture: np.ndarray | None, size: Size, absent: str, how: Any) -> Any:
     """A picture brought to a size, or a gray one that says why there is none. how: of resampling."""
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw
 
     if picture is not None:
         return Image.fromarray(picture).resize(size, how)
     tile = Image.new("RGB", size, "#dddddd")
-    ImageDraw.Draw(tile).text((8, 8), absent, fill="black", font=ImageFont.load_default(14))
+    ImageDraw.Draw(tile).text((8, 8), absent, fill="black", font=font(13))
     return tile
 
 

@@ -161,6 +161,8 @@ def map_photos(
             else "but its cameras are not apart enough"
         )
         fault = f"no two photos could be related: {got}, {lack}"
+        if best.damaged:
+            fault += f"; {', '.join(sorted(best.damaged))} cannot be read"
         remedy = "take photos that share more than half of what they show, from places well apart, or add more"
         raise InputError(fault, photos[0].path.parent, remedy)
     return best

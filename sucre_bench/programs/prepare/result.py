@@ -208,7 +208,8 @@ def write_result(
         qualities.append(quality_of(shot, DepthMap(depth, origin), factor))
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
-    off = 100 * float(np.nanmedian([q.depth_error for q in qualities]))
+    errors = [q.depth_error for q in qualities if np.isfinite(q.depth_error)]
+    off = 100 * float(np.median(errors)) if errors else 0.0
     if off > 100 * _MILD_ERROR and not (asked["mesh"] or asked["depth"]):
         fault = f"depth is {off:.1f} % off the sparse points, so the lens or the camera positions are wrong"
         remedy = "add photos from other heights and directions, or hold the focal length of a calibration with --focal"

@@ -20,7 +20,8 @@ from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
 from sucre_bench.jobs.word_syntax import quoted, value_of
 from sucre_bench.loading.colmap_model import lens_of_model
-from sucre_bench.loading.image_folder import image_names
+from sucre_bench.imaging.image_files import SUFFIXES
+from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
@@ -155,7 +156,8 @@ def source_of(folder: Path, photographs: Path | None = None) -> Source:
         name = recognised(folder)
     except InputError:
         if not image_names(folder, subfolders=True):
-            raise
+            fault = f"holds no photographs ({' '.join(SUFFIXES)}) and no dive"
+            raise no_image(folder, fault, "name their folder") from None
         name = "photos"
     if not {"poses", "depth"} & plugins.find("dataset", name).has:
         return Source(

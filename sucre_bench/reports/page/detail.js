@@ -87,6 +87,7 @@ function drawLosses() {
   $("losses").hidden = found.length < 2 || left === right || !column?.ranked;
   if ($("losses").hidden) return;
   const lost = found.filter(([, loss]) => loss > 0);
+  const won = found.filter(([, loss]) => loss < 0);
   $("losses-title").textContent = lost.length
     ? `Largest loss of ${pictureName(right)} against ${pictureName(left)}`
     : `${pictureName(right)} loses on no view against ${pictureName(left)}; its smallest gains`;
@@ -96,5 +97,5 @@ function drawLosses() {
     return h("li", {}, h("button", open, h("span", {}, view.name), h("b", {}, gap)));
   };
   $("losses-list").replaceChildren(...(lost.length ? lost : found).slice(0, MOST_LOSSES).map(line));
-  $("losses-note").textContent = `${titled(column)}, better on ${found.length - lost.length} of ${found.length} views`;
+  $("losses-note").textContent = `${titled(column)}, better on ${won.length} of ${found.length} views`;
 }
