@@ -17,10 +17,10 @@ from sucre_bench.engine.hydra_run import run_words
 from sucre_bench.engine.preflight import MOST_SHOWN_OVER, opening_once, select
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.display import is_of_scene
+from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
 from sucre_bench.jobs.word_syntax import quoted, value_of
 from sucre_bench.loading.colmap_model import lens_of_model
-from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.passed_over import EXPORT, other_photographs
