@@ -301,7 +301,10 @@ class Uicm:
 
 
 @metric(
-    role="diagnosis", range=(-np.inf, np.inf), variants=_distinct(lambda form: form.sharp), **_ABOUT
+    role="diagnosis",
+    range=(-np.inf, np.inf),
+    variants=_distinct(lambda form: form.sharp),
+    **_ABOUT,
 )
 @dataclass(frozen=True)
 class Uism:
