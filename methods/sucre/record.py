@@ -52,7 +52,7 @@ _FAR_GROUND = 0.95
 _TYPED = re.compile(r"\b(method|\w+\.\w+)=\w|out of the dataset")
 
 UNDETERMINED = (
-    "the distances are too alike to measure the water, so colours may be wrong; use method=dive_gray_world, or "
+    "the views do not determine the water, so colours may be wrong; use method=dive_gray_world, or "
     "photographs from more distances"
 )
 

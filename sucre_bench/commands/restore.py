@@ -122,7 +122,8 @@ def restore(
         measured = [one.measured for one in done.together if "beta" in one.record]
         if measured:
             others = "have a measured distance, and the others balanced colours"
-            trust += f"; {sum(measured) / together:.0%} of the pixels {others}"
+            of = f" of {counted(together, 'picture')}" if together < len(done.names) else ""
+            trust += f"; {sum(measured) / together:.0%} of the pixels{of} {others}"
         alone = len(done.names) - together - done.n_instead
         if alone:
             trust += f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"

@@ -112,7 +112,7 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     if not math.isnan(cell.change[0]):
         change, low, high = cell.change
         is_chance = may_be_chance(cell.change)
-        mark = "≈" if change and is_chance and column.knows != "taste" else ""
+        mark = "≈" if change and is_chance else ""
         look: Look = ""
         if column.ranked and math.isfinite(low) and not is_chance:
             look = "better" if change * column.sign < 0 else "worse"
@@ -270,7 +270,9 @@ def legend(
     interval = " [95 % interval]" if has_interval else ""
     of = f"mean{' ± standard deviation' if spread else ''}{interval}"
     if baseline:
-        of = f"with a sign: the difference from {baseline}{interval}; else {of}"
+        judged = [cell.change[1] for cell in comparison.cells.values() if cell.change[0]]
+        of_change = interval if any(map(math.isfinite, judged)) else ""
+        of = f"with a sign: the difference from {baseline}{of_change}; else {of}"
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
     parts.append(resolution(comparison))
     if has_interval:

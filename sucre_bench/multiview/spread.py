@@ -42,14 +42,14 @@ class Spread:
     farthest: float
 
     def sentence(self, unit: str = "m") -> str:
-        """Say whether the water can be measured, and what to use."""
+        """Say whether distances are unlike enough to measure the water by, and what to use."""
         apart = f"a factor of {self.ratio:.2f}, all from {self.nearest:.3g} to {self.farthest:.3g} {unit}".rstrip()
         if self.shared < _FEW:
             return "No two views show the same places: SUCRe cannot measure the water. Use dive_gray_world or seathru."
         if self.ratio < _ALIKE:
             fault = f"The views show each place from like distances ({apart}): the water cannot be measured."
             return f"{fault} Use dive_gray_world, or photographs from several distances."
-        return f"The views show each place from unlike distances ({apart}): SUCRe can measure the water."
+        return f"The views show each place from distances unlike enough to measure the water ({apart})."
 
 
 def usable(views: Sequence[View]) -> list[View]:

@@ -18,7 +18,9 @@ _FLAT = 0.004
 # shares of pixels
 _SATURATED = 0.05
 _COVERED = 0.5
-_SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
+# The mean difference of reduced pictures: 8-bit levels, and a share of the deviation, which is small in the dark.
+_SAME = 0.5
+_SAME_SHARE = 0.02
 
 
 def find_faults(
@@ -156,7 +158,8 @@ def _twins(looks: Sequence[Look]) -> list[Fault]:
                     look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA
                 )
             )
-            same = (names for other, names in tiny if np.abs(other - small).mean() < _SAME)
+            least = min(_SAME, _SAME_SHARE * float(small.std()))
+            same = (names for other, names in tiny if np.abs(other - small).mean() < least)
             if group := next(same, None):
                 group.append(name)
             else:

@@ -151,6 +151,8 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
     are_there = all((images / name).is_file() for name in mapped.registered)
     if not (straight.done.is_file() and are_there):
+        if options.model is None:
+            _check_lens(mapped.model, images, folder)
         undistort(
             {photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole
         )
@@ -193,6 +195,16 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     made = write_result(made, pinhole, mapped, shots, (made_from, maps), asked, result.folder)
     result.done.touch()
     return made
+
+
+def _check_lens(model: Path, images: Path, folder: Path) -> None:
+    """Raise InputError if the lens that was found for photos cannot be undone: then their places are wrong, too."""
+    try:
+        read_model(model, images, distorted=True)
+    except InputError as wrong:
+        fault = "the lens that was found for these photos is impossible"
+        remedy = "give its focal length with --focal, or sharper photos that overlap more"
+        raise InputError(fault, folder, remedy) from wrong
 
 
 def _depth_maps(

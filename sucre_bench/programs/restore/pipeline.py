@@ -28,7 +28,7 @@ from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import check_folder, read_json, reading, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
-from sucre_bench.programs.restore.trust import Assessed, assess, ruined
+from sucre_bench.programs.restore.trust import RUINED, Assessed, assess, ruined
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
@@ -360,7 +360,12 @@ def _replaced(
     again = _run(source, words, options.where, out).restored
     balanced = [one for one in again if one.name in whys]
     faults = {one.name: whys[one.name] for one in balanced}
-    kept = [one for one in dive.restored if one.name not in faults]
+    # what turns the colours of some pictures has not measured the water of the others
+    kept = [
+        replace(one, record={**one.record, RUINED: len(balanced)})
+        for one in dive.restored
+        if one.name not in faults
+    ]
     return replace(dive, restored=kept, faults={**dive.faults, **faults}), balanced
 
 

@@ -17,6 +17,7 @@ from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.imaging.visible_faults import Look, VisibleFault, faults_of_dive, look_at
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.programs.restore.write import Restored
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.results.rows import csv_text
@@ -25,6 +26,9 @@ from sucre_bench.results.rows import csv_text
 # this share.
 _FAR = 0.3
 
+# What a record gets beside what is stored: how many pictures of the dive by the same water are of no use.
+RUINED = "ruined"
+
 _AT_ONCE = 4  # pictures that are looked at
 
 _SEEN = {
@@ -32,12 +36,14 @@ _SEEN = {
     "red": "dark or saturated red covers {value:.0%} of it",
     "rims": "coloured rims lie along edges",
     "flat": "patches of it have one flat colour",
-    "turning": "its hue differs from the other pictures', and the photographs' do not",
+    "turning": "its hue differs from the other pictures' by more than the photographs' do",
     "below": "{value:.0%} of a channel is darker than black",
 }
 # Faults that make a picture useless, from so many times their limit; others may lie where nobody looks. Of 120 pictures
 # of nine dives, those that the eye accepts have casts up to 1.3 times the limit.
 _RUINING = {"cast": 1.5, "turning": 1.0, "below": 1.0}
+
+_OF_HUE = ("cast", "turning")
 
 
 class Trust(Enum):
@@ -61,6 +67,8 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     """Return why the water of a restoration's record was not measured; "" if it was."""
     if "beta" not in record:
         return "the method balances colours and measures no water"
+    if ruined := record.get(RUINED):
+        return f"the same water ruins {counted(ruined, 'other picture')} of the dive"
     if record.get("solver") == "none":
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
     if assumed := record.get("assumed"):
@@ -191,6 +199,9 @@ def _assessed(
     one: Restored, faults: Sequence[VisibleFault], instead: Mapping[str, str]
 ) -> Assessed:
     reasons = [_words(fault) for fault in faults]
+    if one.record.get("solver") == "none" and any(fault.kind in _OF_HUE for fault in faults):
+        reasons = [_words(fault) for fault in faults if fault.kind not in _OF_HUE]
+        reasons.append("one stretch for all pictures of the dive turns its hue")
     if one.name in instead:
         reasons.append(instead[one.name])
     if unmeasured := why_not_measured(one.record):
