@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
-from support.made_rows import ROW, table
+from support.made_rows import ROW, on_terminal, table
 
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
@@ -24,14 +23,7 @@ from sucre_bench.results.rows import frame
 def terminal(
     comparison: compare.Comparison, colours: bool = False, spread: bool = False
 ) -> str:
-    console = Console(
-        file=io.StringIO(),
-        width=120,
-        force_terminal=colours,
-        color_system="standard" if colours else None,
-    )
-    console.print(as_table(comparison, 120, spread))
-    return console.file.getvalue()
+    return on_terminal(as_table(comparison, 120, spread), colours=colours)
 
 
 def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_path: Path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from sucre_bench.compare.statistics import Units, changes, differences, leads, undone_by
+from sucre_bench.compare.statistics import Units, changes, differences, leads
 
 pytestmark = pytest.mark.short
 
@@ -140,12 +140,3 @@ def test_few_scenes_of_different_size_seldom_make_a_false_lead(
         gap = abs(np.diff(views.mean(axis=0))[0])
         false += gap > differences(Units.of(views, sizes), [(0, 1)])[0]
     assert false / tables < 0.07 + 3 * np.sqrt(0.07 * 0.93 / tables)
-
-
-def test_the_view_that_decides_is_found():
-    gains = np.array([0.4, 1.9, 0.4, 1.8, 0.3, 1.7])
-    pair = np.stack([gains, np.zeros(6)], axis=1)
-    assert scipy.stats.ttest_1samp(gains, 0).pvalue < 0.05
-    rest = [scipy.stats.ttest_1samp(np.delete(gains, v), 0).pvalue < 0.05 for v in range(6)]
-    assert undone_by(Units.of(pair, [6]), 0, 1) == rest.index(False)
-    assert undone_by(Units.of(pair + np.array([5.0, 0]), [6]), 0, 1) is None

@@ -1,10 +1,12 @@
 """Rows of scores that a test knows beforehand, and their comparison."""
 
+import io
 import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from rich.console import Console, RenderableType
 
 from sucre_bench import compare
 from sucre_bench.results.rows import Row, frame
@@ -44,3 +46,15 @@ def table(
     rows = rows_of(scores, **kind)
     (comparison,) = compare.compare(rows, order=list(scores), baseline=baseline)
     return comparison
+
+
+def on_terminal(*blocks: RenderableType, width: int = 120, colours: bool = False) -> str:
+    """What rich prints of them."""
+    console = Console(
+        file=io.StringIO(),
+        width=width,
+        force_terminal=colours,
+        color_system="standard" if colours else None,
+    )
+    console.print(*blocks, sep="\n")
+    return console.file.getvalue()

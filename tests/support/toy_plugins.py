@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,7 +37,6 @@ from sucre_bench import (
     metric,
 )
 from sucre_bench.errors import DiskFullError
-from sucre_bench.plugins.call_method import is_stored_in_full
 
 
 @dataset()
@@ -136,20 +135,6 @@ class AlsoGain(Gain):
     """The same under another name."""
 
 
-@method()
-@dataclass(frozen=True)
-class Gated(Gain):
-    """Fails on the first view until a file is there, and says whether all of its result is wanted."""
-
-    gate: Path = Path("gate")
-    """The file."""
-
-    def restore(self, scene: Scene, view: View) -> Restoration:
-        if view.name == "v0.png" and not self.gate.is_file():
-            raise ValueError("the gate is closed")
-        return replace(super().restore(scene, view), info={"in_full": is_stored_in_full()})
-
-
 @method(needs={"charts"})
 @dataclass(frozen=True)
 class NeedsCharts:
@@ -239,19 +224,6 @@ class Redness:
             float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1) * self.factor,
             n_pixels=shown[..., 0].size,
         )
-
-
-@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
-@dataclass(frozen=True)
-class Stumbles:
-    """A metric that fails on one view."""
-
-    def score(
-        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
-    ) -> Iterator[Score]:
-        if view.name == "v2.png":
-            raise RuntimeError("no score")
-        yield Score(0.5)
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))

@@ -1,5 +1,4 @@
 import base64
-import html
 import json
 import math
 import re
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
+from support.made_results import ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import results
 from sucre_bench.compare import compare
@@ -62,26 +61,6 @@ class Page(HTMLParser):
             if attributes.get("class") == "dataset"
         ]
 
-    @property
-    def figures(self) -> list[dict[str, Any]]:
-        """The plots, as Plotly has them."""
-        return [
-            json.loads(text)
-            for attributes, text in self.scripts
-            if attributes == {"type": "application/json"}
-        ]
-
-    def rows(self, table: str) -> list[list[str]]:
-        """The cells of the first table of a class: their values for sorting, or their texts."""
-        (body, *_) = re.findall(
-            rf'<table class="{table}">.*?<tbody>(.*?)</tbody>', self.source, re.DOTALL
-        )
-        cells = [
-            re.findall(r"<t[dh]\b([^>]*)>(.*?)</t[dh]>", row, re.DOTALL)
-            for row in body.split("</tr>")
-        ]
-        return [[cell(*parts) for parts in row] for row in cells if row]
-
     def blocks(self, kind: str) -> dict[str, dict[str, str | None]]:
         return {str(a["id"]): a for a, _ in self.scripts if a.get("data-kind") == kind}
 
@@ -90,11 +69,6 @@ class Page(HTMLParser):
         return np.asarray(
             cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_UNCHANGED)
         )
-
-
-def cell(attributes: str, inner: str) -> str:
-    value = re.search(r'data-value="([^"]*)"', attributes)
-    return value[1] if value else html.unescape(re.sub(r"<[^>]*>", "", inner)).strip()
 
 
 @pytest.fixture(scope="module")
@@ -137,14 +111,6 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
-def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
-    means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
-    # the third is a hole
-    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}
-    assert list(means) == ["clever", "plain", "broken"]
-    assert '<td class="best " data-value="26.0"' in page.source
-
-
 def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     view = page.datasets[0]["views"][1]
     clever = view["results"][1]
@@ -158,21 +124,6 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
         ["flat"],
     )
     assert view["results"][0]["water"] is None
-
-
-def test_plots_have_the_numbers_of_the_rows(page: Page):
-    figures = page.figures
-    titles = [
-        [f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")]
-        for f in figures
-    ]
-    cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
-    assert [(t["name"], t["x"], t["y"]) for t in cost] == [
-        (name, [1.0], [np.mean(values[:2])]) for name, values in PSNR.items()
-    ]
-    errors = figures[titles.index(["distance of the chart, m", "de00 ↓ dE00"])]["data"]
-    assert [t["x"] for t in errors] == [[2, 4, 8], [2, 4, 8], [2, 4]]
-    assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
 
 
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(
