@@ -198,7 +198,7 @@ def test_the_divider_follows_mouse_and_keys_and_from_nearby_the_full_picture_is_
     assert "80" in page.ask(after)
     page.ask("document.querySelector('#divider').focus()")
     page.press("ArrowLeft")
-    page.press("ArrowLeft", shift=True)
+    page.press("Shift+ArrowLeft")
     assert float(page.ask("document.querySelector('#divider').ariaValueNow")) == pytest.approx(
         69, abs=1
     )
