@@ -28,18 +28,15 @@ def test_it_follows_the_plugins_own_file():
 
 
 def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Path):
-    method = find("method", "underwater")
-    (tmp_path / "a").mkdir()
     weights = tmp_path / "a" / "w.pth"
+    weights.parent.mkdir()
     weights.write_bytes(b"1")
-    alone, file, folder = (
-        source_hash(method, files=places) for places in ((), [weights], [tmp_path / "a"])
-    )
-    assert len({alone, file, folder}) == 3
-    (tmp_path / "a").rename(tmp_path / "b")
-    assert source_hash(method, files=[tmp_path / "b"]) == folder
-    (tmp_path / "b" / "w.pth").write_bytes(b"12")
-    assert source_hash(method, files=[tmp_path / "b"]) != folder
+    file, folder = source_hash(files=[weights]), source_hash(files=[weights.parent])
+    assert len({source_hash(), file, folder}) == 3
+    moved = weights.parent.rename(tmp_path / "b")
+    assert source_hash(files=[moved]) == folder
+    (moved / "w.pth").write_bytes(b"12")
+    assert source_hash(files=[moved]) != folder
 
 
 def test_it_follows_the_libraries_that_compute(monkeypatch: pytest.MonkeyPatch):
