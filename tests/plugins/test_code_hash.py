@@ -14,10 +14,10 @@ from sucre_bench import Restoration, method
 
 @method()
 @dataclass(frozen=True)
-class {name}:
+class Typed:
     """Nothing."""
     def restore(self, scene, view):
-        return Restoration(view.rgb)
+        return Restoration(view.rgb * {factor})
 '''
 
 
@@ -73,8 +73,7 @@ def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
 
     def typed(factor: float) -> object:
         space: dict = {"__name__": "typed_into_a_session"}
-        text = METHOD.format(name="Typed").replace("view.rgb)", f"view.rgb * {factor})")
-        exec(compile(text, "<input>", "exec"), space)
+        exec(compile(METHOD.format(factor=factor), "<input>", "exec"), space)
         return space["Typed"].__plugin__
 
     assert source_hash(typed(0.5)) == source_hash(typed(0.5)) != source_hash(typed(0.7))

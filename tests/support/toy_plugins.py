@@ -69,6 +69,10 @@ class Toy:
         yield Scene("toy", views, has, water, data_id=f"toy{self.views}{self.tag}")
 
 
+def _flat(level: float, name: str = "a.png") -> View:
+    return View(name, Arrays(np.full((8, 8, 3), level, np.float32)))
+
+
 @dataset()
 @dataclass(frozen=True)
 class TwoScenes:
@@ -76,8 +80,7 @@ class TwoScenes:
 
     def scenes(self) -> Iterator[Scene]:
         for name, level in (("left", 0.2), ("right", 0.8)):
-            view = View("a.png", Arrays(np.full((8, 8, 3), level)))
-            yield Scene(name, [view], frozenset(), data_id=name)
+            yield Scene(name, [_flat(level)], frozenset(), data_id=name)
 
 
 @dataset()
@@ -87,7 +90,7 @@ class Namesakes:
 
     def scenes(self) -> Iterator[Scene]:
         for level in (0.2, 0.8):
-            yield Scene("one", [View("a.png", Arrays(np.full((8, 8, 3), level)))], frozenset())
+            yield Scene("one", [_flat(level)], frozenset())
 
 
 @dataset()
@@ -96,8 +99,7 @@ class Twins:
     """Two views of one name."""
 
     def scenes(self) -> Iterator[Scene]:
-        view = View("a.png", Arrays(np.zeros((8, 8, 3))))
-        yield Scene("twins", [view, view], frozenset())
+        yield Scene("twins", [_flat(0.0)] * 2, frozenset())
 
 
 @method()
@@ -482,11 +484,7 @@ class Called:
     """Its scene's name."""
 
     def scenes(self) -> Iterator[Scene]:
-        yield Scene(
-            self.scene,
-            [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))],
-            frozenset(),
-        )
+        yield Scene(self.scene, [_flat(0.5, self.view)], frozenset())
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
