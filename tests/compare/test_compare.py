@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from support.made_rows import ROW, rows_of, table
+from support.made_rows import ROW, restored, rows_of, table
 
 from sucre_bench import InputError, compare
 from sucre_bench.compare.documents import as_text
@@ -255,16 +255,6 @@ def images_lost(comparison: compare.Comparison) -> list[dict[str, str]]:
         for note, match in found
         if match
     ]
-
-
-def restored(
-    method: str, view: str, reason: str = "", status: str = "ok", **more: str
-) -> list[Row]:
-    """A restoration and its score, or why there is none."""
-    row = replace(ROW, method=method, view=view, status=status, reason=reason, **more)
-    row = row if status == "ok" else replace(row, value=np.nan)
-    whole = replace(row, metric="seconds", variant="wall", unit="s", better="lower")
-    return [whole, row] if status == "ok" else [whole]
 
 
 def test_holes_are_counted_and_said_with_their_reasons():

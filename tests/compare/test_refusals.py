@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from support.made_rows import ROW
+from support.made_rows import ROW, restored
 
 from sucre_bench import compare
 from sucre_bench.cli import cli
@@ -16,10 +16,7 @@ from sucre_bench.results.rows import Row, frame, replicated
 
 def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:
     """A method's restorations of views, and their scores."""
-    rows = [replace(ROW, method=method, view=f"{view}.png", **kind) for view in views]
-    return [
-        replace(row, metric="seconds", variant="wall", better="lower") for row in rows
-    ] + rows
+    return [row for view in views for row in restored(method, f"{view}.png", **kind)]
 
 
 def refused(rows: list[Row], why: str, names: str, **how: Any) -> None:

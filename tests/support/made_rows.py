@@ -28,6 +28,16 @@ ROW = Row(
 )
 
 
+def restored(
+    method: str, view: str, reason: str = "", status: str = "ok", **more: str
+) -> list[Row]:
+    """A restoration and its score, or why there is none."""
+    row = replace(ROW, method=method, view=view, status=status, reason=reason, **more)
+    row = row if status == "ok" else replace(row, value=np.nan)
+    whole = replace(row, metric="seconds", variant="wall", unit="s", better="lower")
+    return [whole, row] if status == "ok" else [whole]
+
+
 def rows_of(scores: dict[str, list[float | None]], **kind: str) -> pd.DataFrame:
     """Rows of methods whose values by view are given; None is a failed view."""
     rows = []

@@ -335,8 +335,6 @@ def test_best_median_and_worst_views_are_of_the_method_on_the_right_and_losses_l
 
 
 def test_the_error_map_is_black_where_a_picture_is_its_reference(page: Browser, tmp_path: Path):
-    import cv2
-
     rows = made_results(tmp_path)
     ramp = np.repeat(
         np.linspace(80, 200, 96, dtype=np.uint8)[None, :, None], 64, axis=0

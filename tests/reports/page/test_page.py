@@ -24,10 +24,6 @@ from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row
 
 
-def write_page(out: Path, rows: pd.DataFrame, **how: Any) -> Path:
-    return report.write(out, rows, compare(rows), **how)
-
-
 class Page(HTMLParser):
     """What a browser makes of the page: script blocks by id, elements with attributes, text outside of scripts."""
 
@@ -71,28 +67,23 @@ class Page(HTMLParser):
         )
 
 
+def written(out: Path, rows: pd.DataFrame, **how: Any) -> Page:
+    return Page(report.write(out, rows, compare(rows), **how))
+
+
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, pd.DataFrame, Path]:
-    """A page as it usually is, the rows that it is of, and their folder."""
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path]:
+    """A page as it usually is, and its folder."""
     folder = tmp_path_factory.mktemp("made")
-    rows = made_results(folder)
-    return Page(write_page(folder, rows)), rows, folder
-
-
-@pytest.fixture
-def page(made: tuple[Page, pd.DataFrame, Path]) -> Page:
-    return made[0]
-
-
-def ran(out: Path, *overrides: str) -> Page:
-    base = ["dataset=toy", "metrics=[redness]", "tracking.uri=off", f"out={out}"]
-    return Page(write_page(out, run([*base, *overrides], True).rows))
+    return written(folder, made_results(folder)), folder
 
 
 def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(
     toys: str, tmp_path: Path
 ):
-    page = ran(tmp_path, "method=gain,faulty,needs_charts")
+    words = ("dataset=toy", "method=gain,faulty,needs_charts", "metrics=[redness]")
+    outcome = run([*words, "tracking.uri=off", f"out={tmp_path}"], True)
+    page = written(tmp_path, outcome.rows)
     for said in (
         "ValueError: boom",
         "needs charts",
@@ -111,8 +102,8 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
-def test_views_have_their_scores_coverage_water_and_truth(page: Page):
-    view = page.datasets[0]["views"][1]
+def test_views_have_their_scores_coverage_water_and_truth(made: tuple[Page, Path]):
+    view = made[0].datasets[0]["views"][1]
     clever = view["results"][1]
     assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
     # what is of charts, or took time, covers nothing
@@ -127,9 +118,9 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
 
 
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(
-    made: tuple[Page, pd.DataFrame, Path],
+    made: tuple[Page, Path],
 ):
-    page, _, folder = made
+    page, folder = made
     (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
@@ -146,7 +137,7 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
     rows = made_results(tmp_path)
     (tmp_path / "restored/reef/clever/v0.png").write_bytes(b"\x89PNG not")
     (tmp_path / "restored/reef/clever/v0.json").write_text("{")
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     result = page.datasets[0]["views"][0]["results"][1]
     assert result["picture"]["id"] not in page.blocks("image/webp")
     assert result["water"] is None
@@ -156,7 +147,7 @@ def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
     rows = results.frame(
         [Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")]
     )
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     assert "no such folder" in page.text
     assert len(page.source) < 200_000  # no plotting library for no plot
 
@@ -170,7 +161,7 @@ def test_a_stored_mask_tells_holes_from_black_pixels(tmp_path: Path):
     mask[:, :10] = False  # of the 24 columns that are black
     path = tmp_path / "restored/reef/clever/v0.png"
     write_masked_png(path, cv2.imread(str(path)), mask)
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     ids = [result["picture"]["id"] for result in page.datasets[0]["views"][0]["results"]]
     holes = page.picture(f"{ids[1]}-holes")[..., 3] > 0
     np.testing.assert_array_equal(holes, ~mask)
@@ -181,7 +172,7 @@ def test_the_map_of_confidence_is_bright_where_it_is_large(tmp_path: Path):
     rows = made_results(tmp_path)
     confidence = np.tile(np.linspace(2, 4, 96, dtype=np.float32), (64, 1))
     np.savez(tmp_path / "restored/reef/clever/v0.npz", confidence=confidence)
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
     about = page.blocks("image/webp")[f"{name}-confidence"]
     assert [float(str(about[k])) for k in ("data-low", "data-high")] == pytest.approx(
@@ -197,11 +188,8 @@ def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: P
         "reef",
         "wreck",
     ]
-    page = Page(
-        write_page(
-            tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40))
-        )
-    )
+    rows = made_results(tmp_path, datasets=datasets)
+    page = written(tmp_path, rows, widths=((5, 960), (14, 40)))
     kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
     assert [sum(k) for k in kept] == [1, 1]
     assert all(v["original"]["link"] for d in page.datasets for v in d["views"])
@@ -285,7 +273,7 @@ def test_a_views_command_runs_and_gives_the_same_score(
         f"out='{out}'",
     ]
     rows = run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
-    (dataset,) = Page(write_page(out, rows)).datasets
+    (dataset,) = written(out, rows).datasets
     parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metrics"]]
     said = shlex.split(" ".join(parts))
     assert "--plugin" in said
