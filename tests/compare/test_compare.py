@@ -1,7 +1,7 @@
 import itertools
 import json
 import re
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pandas as pd
@@ -321,6 +321,28 @@ def test_by_region_a_view_that_failed_is_a_hole_of_every_region():
         assert (lost["method"], lost["n"], lost["total"]) == ("b", "1", "2")
         assert (lost["metrics"], lost["reasons"]) == ("", "1 failed: boom")
         assert cells(comparison)["b"].holes == 1
+
+
+def test_the_order_of_rows_changes_nothing():
+    rng = np.random.default_rng(5)
+    rows = [
+        replace(
+            ROW,
+            method=m,
+            scene=s,
+            view=f"{s}{v}",
+            region=f"c{c}",
+            metric="psi",
+            value=rng.normal(),
+        )
+        for m, s, v, c in itertools.product("abc", ("x", "y"), range(4), range(3))
+    ]
+    (one,) = compare.compare(frame(rows), order="abc")
+    (other,) = compare.compare(
+        frame([rows[n] for n in rng.permutation(len(rows))]), order="abc"
+    )
+    # NaN equals NaN, whichever object it is
+    np.testing.assert_equal(astuple(other), astuple(one))
 
 
 def test_a_score_that_nobody_has_is_in_no_note_about_pixels():

@@ -151,6 +151,17 @@ def test_links_lead_somewhere_and_nothing_is_left_to_fill_in(page: Path):
     assert "TODO" not in text
 
 
+def test_every_page_is_in_the_sites_navigation():
+    nav = (
+        (ROOT / "mkdocs.yml")
+        .read_text(encoding="utf-8")
+        .split("\nnav:")[1]
+        .split("\ntheme:")[0]
+    )
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f" {page.name}\n" in nav, page.name
+
+
 METRIC_PAGES = "".join(
     (ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("metrics.md", "formulas.md")
 )

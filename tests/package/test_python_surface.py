@@ -102,6 +102,7 @@ def test_images_of_0_to_255_are_refused_and_not_scored_as_white(
     for make, place in (
         (sb.Restoration, "Restoration.image"),
         (sb.Arrays, "Arrays.rgb"),
+        (lambda given: sb.Restoration(scene[0].rgb, filled=given), "Restoration.filled"),
         (lambda given: sb.Arrays(scene[0].rgb, reference=given), "Arrays.reference"),
     ):
         with pytest.raises(sb.InputError, match=rf"{place}: .*{remedy}"):

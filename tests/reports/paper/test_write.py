@@ -140,16 +140,11 @@ def test_where_nothing_was_restored_nothing_of_before_is_left(tmp_path: Path):
 
 def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):
     rng = np.random.default_rng(3)
-    rows = pd.concat(
-        noisy(
-            {
-                value: {method: list(rng.normal(mean, 2, 5)) for method in "ab"}
-                for value, mean in ((None, 20), (0.1, 18))
-            },
-            region=f"chart{number}",
-        )
-        for number in range(3)
-    )
+    scores = {
+        None: {m: list(rng.normal(20, 2, 5)) for m in "ab"},
+        0.1: {m: list(rng.normal(18, 2, 5)) for m in "ab"},
+    }
+    rows = noisy(scores)
     study = Study("s", along="degrade.depth_noise", baseline="a", figures=("against",))
     order = {"methods": ("a", "b"), "datasets": ("sea", "sea,depth_noise=0.1")}
     first = write(study, rows, tmp_path / "1", **order)
