@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from sucre_bench.compare import statistics
 from sucre_bench.compare.statistics import Units, differences, mean_intervals, pseudo_values
 
 pytestmark = pytest.mark.short
@@ -19,26 +20,20 @@ def missed(views: np.ndarray, scenes: list[int]) -> float:
     return float(((low > 0) | (high < 0)).mean())
 
 
-def told_apart(views: np.ndarray, scenes: list[int]) -> bool:
-    """Whether any two of the methods (V, M) differ by more than chance."""
-    pairs, means = list(combinations(range(views.shape[1]), 2)), views.mean(axis=0)
-    gaps = np.array([abs(means[i] - means[j]) for i, j in pairs])
-    return bool((gaps > differences(Units.of(views, scenes), pairs)).any())
-
-
-@pytest.mark.parametrize("n", [2, 3, 4, 8])
-def test_the_interval_of_a_mean_misses_it_once_in_twenty_however_few_the_views(n: int):
-    """Two standard errors of the share itself: 1.4 %."""
-    views = np.random.default_rng(n).normal(size=(n, SIMULATED))
-    assert missed(views, [n]) == pytest.approx(0.055, abs=0.025)
-
-
 @pytest.mark.parametrize(
-    ("scenes", "views", "between"), [(4, 4, 0.0), (4, 4, 1.0), (10, 6, 1.0)]
+    ("scenes", "views", "between"),
+    [
+        *((1, views, 0.0) for views in (2, 3, 4, 8)),
+        (4, 4, 0.0),
+        (4, 4, 1.0),
+        (10, 6, 1.0),
+    ],
 )
-def test_views_of_a_scene_are_not_independent(scenes: int, views: int, between: float):
-    """Scenes that differ and scenes that do not: the interval misses the mean once in twenty for both."""
-    rng = np.random.default_rng(0)
+def test_the_interval_of_a_mean_misses_it_once_in_twenty(
+    scenes: int, views: int, between: float
+):
+    """However few the views, and whether scenes differ or not. Two standard errors of the share itself: 1.4 %."""
+    rng = np.random.default_rng(views)
     of_scenes = np.repeat(rng.normal(size=(scenes, SIMULATED)), views, axis=0)
     values = between * of_scenes + rng.normal(size=(scenes * views, SIMULATED))
     assert missed(values, [views] * scenes) == pytest.approx(0.055, abs=0.025)
@@ -60,15 +55,6 @@ def test_scores_of_pairs_keep_the_promise_as_pseudo_values_and_not_as_they_are(
     assert np.allclose(pseudo_values(scores).mean(axis=0), scores.mean(axis=0))
     assert missed(pseudo_values(scores), [n]) < 0.08
     assert missed(scores, [n]) > 0.12
-
-
-def test_one_pair_is_judged_as_students_paired_test_judges_it():
-    """Eight views, a difference of 1.5 of its standard deviations: found in 97 % of tables."""
-    rng = np.random.default_rng(7)
-    gains = rng.normal(1.5, 1, size=(8, 100))
-    found = [told_apart(np.stack([np.zeros(8), own], axis=1), [8]) for own in gains.T]
-    assert found == (scipy.stats.ttest_1samp(gains, 0).pvalue < 0.05).tolist()
-    assert np.mean(found) > 0.9
 
 
 def test_the_error_of_a_difference_is_that_of_the_theory_of_clusters():
@@ -102,22 +88,10 @@ def test_views_count_alike_whichever_scene_they_are_of():
     assert (low[0], high[0]) == pytest.approx((0.25 - widening * 0.25, 0.25 + widening * 0.75))
 
 
-def test_draws_are_the_same_every_time():
+def test_draws_are_the_same_in_every_process():
     units = Units.of(np.random.default_rng(4).normal(size=(7, 3)), [7])
-    state = np.random.get_state()[1].tolist()
-    assert np.array_equal(mean_intervals(units), mean_intervals(units))
-    assert np.array_equal(
-        differences(units, [(0, 1), (1, 2)]), differences(units, [(0, 1), (1, 2)])
-    )
-    assert np.random.get_state()[1].tolist() == state
-
-
-def test_what_is_not_finite_has_no_interval_and_harms_no_other():
-    values = np.array([[1.0, np.inf, 2.0], [2.0, 3.0, 3.5], [4.0, 3.0, 4.0]])
-    units = Units.of(values, [3])
-    low, high = mean_intervals(units)
-    assert low[0] < values[:, 0].mean() < high[0]
-    assert np.isnan([low[1], high[1]]).all()
-    half = differences(units, [(0, 1), (0, 2), (1, 2)])
-    assert np.isnan(half[[0, 2]]).all()
-    assert half[1] == differences(Units.of(values[:, [0, 2]], [3]), [(0, 1)])[0]
+    found = []
+    for _ in range(2):
+        statistics._draws.cache_clear()  # noqa: SLF001 - what another process does not have
+        found.append([*mean_intervals(units), differences(units, [(0, 1), (0, 2), (1, 2)])])
+    assert np.array_equal(*found)

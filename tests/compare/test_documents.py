@@ -1,47 +1,35 @@
 import io
-import itertools
 import json
 import os
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
-from support.made_rows import ROW, table
+from support.made_rows import on_terminal, rows_of, table
 
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_table
 from sucre_bench.compare.words import number, verdict_text
-from sucre_bench.results.rows import frame
 
 
 def terminal(
     comparison: compare.Comparison, colours: bool = False, spread: bool = False
 ) -> str:
-    console = Console(
-        file=io.StringIO(),
-        width=120,
-        force_terminal=colours,
-        color_system="standard" if colours else None,
-    )
-    console.print(as_table(comparison, 120, spread))
-    return console.file.getvalue()
+    return on_terminal(as_table(comparison, 120, spread), colours=colours)
 
 
 def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_path: Path):
     (tmp_path / "r").mkdir()
     kinds = (("psnr", "higher"), ("seconds", "lower"), ("peak_mb", "lower"))
-    rows = [
-        replace(ROW, method="m", metric=name, better=better, value=1.0)
-        for name, better in kinds
-    ]
-    frame(rows).to_parquet(tmp_path / "r" / "scores.parquet")
+    rows = pd.concat(
+        rows_of({"m": [1.0]}, metric=name, better=better) for name, better in kinds
+    )
+    rows.to_parquet(tmp_path / "r" / "scores.parquet")
     plain = bench("compare", "r", "--format", "latex").stdout
     for asked in ("--all-metrics", "--metric=seconds"):
         assert "seconds" in bench("compare", "r", "--format", "latex", asked).stdout
@@ -51,9 +39,7 @@ def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_pat
 
 def test_several_tables_are_one_text_a_program_can_read():
     both = compare.compare(
-        frame(
-            [replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]
-        )
+        pd.concat(rows_of({"m": [1.0]}, dataset=dataset) for dataset in ("sea", "lake"))
     )
     assert [line["table"] for line in json.loads(as_text(both, "json"))] == ["sea", "lake"]
     assert as_text(both, "csv").count("metric,variant") == 1
@@ -130,17 +116,12 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
     assert (tmp_path / "paper.pdf").stat().st_size > 10_000
 
 
-def of_nine_metrics() -> compare.Comparison:
-    rows = [
-        replace(ROW, method=m, metric=f"metric{n}", view=f"v{v}", value=float(n + v))
-        for m, n, v in itertools.product(("one", "two"), range(9), range(3))
-    ]
-    (comparison,) = compare.compare(frame(rows))
-    return comparison
-
-
 def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
-    text = as_text([of_nine_metrics()], "latex")
+    rows = pd.concat(
+        rows_of({name: [n, n + 1.0, n + 2] for name in ("one", "two")}, metric=f"metric{n}")
+        for n in range(9)
+    )
+    text = as_text(compare.compare(rows), "latex")
     tabulars = re.findall(r"\\begin\{tabular\}\{(l?r+)\}(.*?)\\end\{tabular\}", text, re.S)
     assert 1 < len(tabulars) < 9
     assert sum(len(columns) - 1 for columns, _ in tabulars) == 9

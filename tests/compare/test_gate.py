@@ -1,16 +1,14 @@
 """The gate of `compare --fail-below`: it fails on losses beyond limit and chance, and on nothing else."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from support.made_rows import rows_of
 
-from sucre_bench import results
 from sucre_bench.compare import Gate, gated
 from sucre_bench.errors import InputError
-from sucre_bench.results.rows import Row
 
 OLD = np.array([20.0, 25.0, 22.0, 28.0, 24.0, 21.0])
 STEADY = np.array([-1.0, -1.1, -0.9, -1.0, -1.2, -0.8])  # a loss of 1, surely
@@ -19,32 +17,18 @@ NOISY = np.array([-9.0, 7.0, -8.0, 8.0, -9.0, 5.0])  # a loss of 1, by chance
 
 def table(**changes: np.ndarray) -> pd.DataFrame:
     """Scores of the baseline "old", and of methods that differ from it: psnr, and an error that grows as psnr falls."""
-    rows = []
-    for method, change in {"old": np.zeros(6), **changes}.items():
-        for n, value in enumerate(OLD + change):
-            base = Row("reef", "cove", f"v{n}.png", method, options_id=method, data_id="d")
-            known = (
-                {"value": float(value)}
-                if np.isfinite(value)
-                else {"status": "failed", "reason": "boom"}
-            )
-            rows.append(replace(base, value=1.0, **({} if np.isfinite(value) else known)))
-            rows.append(
-                replace(
-                    base, metric="psnr", variant="masked", unit="dB", better="higher", **known
-                )
-            )
-            if "value" in known:
-                rows.append(
-                    replace(
-                        base,
-                        metric="error",
-                        variant="plain",
-                        better="lower",
-                        value=50 - float(value),
-                    )
-                )
-    return results.frame(rows)
+    scores = {
+        method: [float(value) if np.isfinite(value) else None for value in OLD + change]
+        for method, change in {"old": np.zeros(6), **changes}.items()
+    }
+    errors = {
+        method: [None if value is None else 50 - value for value in values]
+        for method, values in scores.items()
+    }
+    track = {"options": "{}"}
+    return pd.concat(
+        [rows_of(scores, **track), rows_of(errors, metric="error", better="lower", **track)]
+    )
 
 
 def outcome(text: str, **changes: np.ndarray) -> str:
@@ -74,15 +58,15 @@ def test_a_loss_fails_beyond_limit_and_chance(metric: str):
 def test_the_views_that_lose_most_come_first():
     (found,) = gated(table(new=STEADY), [Gate.read("psnr=-0.5")], "old")
     assert [view for view, _ in found.worst] == [
-        "v4.png",
-        "v1.png",
-        "v0.png",
-        "v3.png",
-        "v2.png",
+        "v004",
+        "v001",
+        "v000",
+        "v003",
+        "v002",
     ]
     assert [gain for _, gain in found.worst] == pytest.approx([-1.2, -1.1, -1.0, -1.0, -0.9])
     (found,) = gated(table(new=STEADY), [Gate.read("error=-0.5")], "old")
-    assert found.worst[0] == ("v4.png", pytest.approx(-1.2))
+    assert found.worst[0] == ("v004", pytest.approx(-1.2))
 
 
 def test_a_limit_may_be_for_one_method():

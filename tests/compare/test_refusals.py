@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from support.made_rows import ROW
+from support.made_rows import ROW, restored
 
 from sucre_bench import compare
 from sucre_bench.cli import cli
@@ -16,10 +16,7 @@ from sucre_bench.results.rows import Row, frame, replicated
 
 def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:
     """A method's restorations of views, and their scores."""
-    rows = [replace(ROW, method=method, view=f"{view}.png", **kind) for view in views]
-    return [
-        replace(row, metric="seconds", variant="wall", better="lower") for row in rows
-    ] + rows
+    return [row for view in views for row in restored(method, f"{view}.png", **kind)]
 
 
 def refused(rows: list[Row], why: str, names: str, **how: Any) -> None:
@@ -62,23 +59,22 @@ def test_pictures_of_two_named_sets_are_not_averaged():
     compare.refuse(frame([row for row in of_both if row.scene == "u90"]))
 
 
-def test_an_image_that_failed_was_run_on():
-    rows = [*run_of("a"), *run_of("b", "abc"), replace(run_of("b", "d")[0], status="failed")]
-    compare.refuse(frame(rows))
-
-
-def test_a_job_that_failed_as_a_whole_was_run_on_everything():
-    compare.refuse(
-        frame([*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")])
-    )
-
-
 def repeated(method: str, *replicates: int) -> list[Row]:
     return [row for n in replicates for row in run_of(method, scene=replicated("reef", n))]
 
 
-def test_methods_that_ran_on_the_same_replicates_are_compared():
-    compare.refuse(frame([*repeated("a", 0, 2), *repeated("b", 2, 0)]))
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [*run_of("a"), *run_of("b", "abc"), replace(run_of("b", "d")[0], status="failed")],
+        [*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")],
+        [*repeated("a", 0, 2), *repeated("b", 2, 0)],
+        [*run_of("a"), *run_of("b", "ab", dataset="lake")],
+    ],
+    ids=["an image failed", "a job failed", "the same replicates", "other datasets"],
+)
+def test_what_was_run_on_the_same_images_is_compared(rows: list[Row]):
+    compare.refuse(frame(rows))
 
 
 def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference_said():
@@ -86,10 +82,6 @@ def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference
     for common in (False, True):
         names = r"^sea: .* reef/a\.png: gray_world 0, 1, 2; underwater 5; (?!.*--common)"
         refused(rows, "different replicates", names, common=common)
-
-
-def test_other_datasets_are_other_tables():
-    compare.refuse(frame([*run_of("a"), *run_of("b", "ab", dataset="lake")]))
 
 
 def test_methods_scored_in_different_variants_only_are_refused():

@@ -1,58 +1,50 @@
 """The block that a terminal of 80 columns shows: which columns, in which order, and what it says."""
 
-import io
 import itertools
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy
-from rich.console import Console
+from support.made_rows import on_terminal, rows_of, table
 
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_blocks, as_table
-from sucre_bench.results.rows import Row, frame
 
-PSNR = Row(
-    dataset="sea",
-    scene="reef",
-    metric="psnr",
-    variant="masked",
-    unit="dB",
-    better="higher",
-    data_id="d",
-)
-UCIQE = replace(PSNR, metric="uciqe", variant="cielab", unit="")
-SECONDS = replace(PSNR, metric="seconds", variant="wall", unit="s", better="lower", value=0.5)
-COVERAGE = replace(PSNR, metric="coverage", variant="image", unit="share")
+
+def kind(
+    metric: str, variant: str, unit: str = "", better: str = "higher", region: str = "image"
+) -> dict[str, str]:
+    return {
+        "metric": metric,
+        "variant": variant,
+        "unit": unit,
+        "better": better,
+        "region": region,
+    }
+
 
 KINDS = {
-    "psnr": PSNR,
-    "ssim": replace(PSNR, metric="ssim", variant="gaussian", unit=""),
-    "colours": replace(PSNR, metric="colours", variant="raw"),
-    "colours_de00": replace(
-        PSNR, metric="colours_de00", variant="gain", unit="dE00", better="lower"
-    ),
-    "psi": replace(
-        PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"
-    ),
-    "de00": replace(
-        PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"
-    ),
-    "uciqe": UCIQE,
-    "uiqm": replace(PSNR, metric="uiqm", variant="panetta2016", unit=""),
-    "preference": replace(PSNR, metric="preference", variant="bradley-terry", unit=""),
-    "saturated_red": replace(
-        PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"
-    ),
-    "water": replace(
-        PSNR, metric="water", variant="attenuation", unit="relative", better="lower"
-    ),
-    "coverage": COVERAGE,
-    "mine": replace(PSNR, metric="mine", variant="own", unit=""),
+    one["metric"]: one
+    for one in (
+        kind("psnr", "masked", "dB"),
+        kind("ssim", "gaussian"),
+        kind("colours", "raw", "dB"),
+        kind("colours_de00", "gain", "dE00", "lower"),
+        kind("psi", "colour", "deg", "lower", "chart"),
+        kind("de00", "lab", "dE00", "lower", "chart"),
+        kind("uciqe", "cielab"),
+        kind("uiqm", "panetta2016"),
+        kind("saturated_red", "hsv", "share", "lower"),
+        kind("water", "attenuation", "relative", "lower"),
+        kind("coverage", "image", "share"),
+        kind("mine", "own"),
+        kind("seconds", "wall", "s", "lower"),
+    )
 }
 
 
@@ -63,23 +55,14 @@ def compared(
     **how: str,
 ) -> list[compare.Comparison]:
     """Comparisons of scores by metric, method and view; one method may be the photograph itself."""
-    rows = []
-    for dataset, (metric, by_method) in itertools.product(datasets, scores.items()):
-        for method, values in by_method.items():
-            name = "underwater" if method == photograph else "gray_world"
-            options = json.dumps({"name": name, "dataset": {"name": "photos"}})  # no track
-            for view, value in enumerate(values):
-                place = {
-                    "dataset": dataset,
-                    "method": method,
-                    "view": f"v{view}",
-                    "options": options,
-                }
-                rows += [
-                    replace(KINDS[metric], value=value, **place),
-                    replace(SECONDS, **place),
-                ]
-    return compare.compare(frame(rows), order=list(next(iter(scores.values()))), **how)
+    rows = pd.concat(
+        rows_of(by_method, dataset=dataset, **KINDS[each])
+        for dataset, (metric, by_method) in itertools.product(datasets, scores.items())
+        for each in (metric, "seconds")
+    )
+    itself = json.dumps({"name": "underwater", "dataset": {"name": "photos"}})
+    rows["options"] = rows["options"].mask(rows["method"] == photograph, itself)
+    return compare.compare(rows, order=list(next(iter(scores.values()))), **how)
 
 
 @dataclass(frozen=True)
@@ -111,15 +94,8 @@ def printed(
     colours: bool = False,
     every: bool = False,
 ) -> Block:
-    console = Console(
-        file=io.StringIO(),
-        width=width,
-        force_terminal=colours,
-        color_system="standard" if colours else None,
-    )
-    for block in as_blocks(comparisons, width, every):
-        console.print(block)
-    return Block(console.file.getvalue().splitlines())
+    blocks = as_blocks(comparisons, width, every)
+    return Block(on_terminal(*blocks, width=width, colours=colours).splitlines())
 
 
 MANY = {
@@ -166,11 +142,9 @@ def test_without_a_reference_or_charts_nobody_wins_and_the_order_is_as_asked(
     block = printed([comparison])
     assert block.heads[0] == "uciqe ↑"
     assert block.names == ["plain", "clever"]  # by uciqe clever would be first
-    whole = Console(file=io.StringIO(), width=80)
-    whole.print(as_table(comparison, 80))
     for text in (
         block.text,
-        " ".join(whole.file.getvalue().split()),
+        on_terminal(as_table(comparison, 80), width=80),
         as_text([comparison], "md"),
     ):
         assert NO_TRUTH in " ".join(text.split())
@@ -218,67 +192,53 @@ def test_evidence_leads_only_by_its_name_with_how_well_it_agrees_with_truth():
 
 def test_a_lead_that_one_view_could_undo_is_called_that():
     even, one = [1.0, 1.2, 0.8, 1.1, 0.9, 1.0], [0.4, 1.9, 0.4, 1.8, 0.3, 1.7]
-    for gains, is_said in ((even, False), (one, True)):
+    for gains, view in ((even, ""), (one, "v001")):
         (comparison,) = compared(
             {"psnr": {"a": [20.0] * 6, "b": [20 + gain for gain in gains]}}
         )
         (verdict,) = compare.verdicts(comparison)
         assert verdict.is_sure
-        assert bool(verdict.undone_by) == is_said
-        assert ("without" in printed([comparison]).text) == is_said
+        assert verdict.undone_by == view
+        assert ("without" in printed([comparison]).text) == bool(view)
 
 
 def test_a_table_says_that_the_data_lack_a_truth_only_if_metrics_looked_for_it():
     """Metrics of a reference and of charts were run, and neither is there; else the metrics are named as the reason."""
-    rows = [
-        replace(UCIQE, method=m, view=f"v{v}", value=float(v)) for m in "ab" for v in range(3)
-    ]
+    rows = rows_of({name: [0.0, 1, 2] for name in "ab"}, **KINDS["uciqe"])
     lacks = [
-        replace(row, metric=metric, status="skipped", reason=f"needs {of}")
-        for row in rows
+        rows.assign(metric=metric, status="skipped", reason=f"needs {of}")
         for metric, of in (("psnr", "reference"), ("neutral", "charts"))
     ]
-    asked = [row for row in lacks if row.metric == "psnr"]
-    said = [printed(compare.compare(frame(rows + more))).text for more in ([], asked, lacks)]
+    tables = [compare.compare(pd.concat([rows, *lacks[:n]])) for n in range(3)]
+    said = [printed(one).text for one in tables]
     assert [NO_TRUTH in text for text in said] == [True] * 3
     assert ["No chart and no reference" in text for text in said] == [False, False, True]
 
 
 def test_a_table_says_in_words_what_is_wrong_with_the_pictures():
     """Of one method in half of the views, of another in too few; faults have no columns unless asked for."""
-    scores = [
-        *(("holed", "holes", "image", v, 0.5 * (v > 4)) for v in range(10)),
-        *(
-            ("orange", "cast", region, v, 30.0)
-            for v in range(10)
-            for region in ("image", f"image/{'orange' * (v > 0)}")
-        ),
-        *(("whole", "clipped", "image", v, 0.9 * (v == 0)) for v in range(10)),
-    ]
-    rows = [
-        replace(
-            PSNR,
-            metric="faults",
-            unit="",
-            method=m,
-            variant=variant,
-            region=r,
-            view=f"v{v}",
-            value=value,
-        )
-        for m, variant, r, v, value in scores
-    ]
-    rows += [
-        replace(PSNR, method=m, view=f"v{v}", value=3.0)
-        for m in ("holed", "orange", "whole")
-        for v in range(10)
-    ]
-    block = printed(compare.compare(frame(rows)))
+    scores = (
+        ("holed", "holes", "image", [0.0] * 5 + [0.5] * 5),
+        ("orange", "cast", "image/", [30.0]),
+        ("orange", "cast", "image", [30.0] * 10),
+        ("orange", "cast", "image/orange", [30.0] * 10),
+        ("whole", "clipped", "image", [0.9] + [0.0] * 9),
+    )
+    rows = pd.concat(
+        [
+            rows_of(dict.fromkeys(("holed", "orange", "whole"), [3.0] * 10)),
+            *(
+                rows_of({method: values}, metric="faults", variant=variant, region=region)
+                for method, variant, region, values in scores
+            ),
+        ]
+    )
+    block = printed(compare.compare(rows))
     said = "What is wrong with the pictures: holed: 50 % of it is black in 5 of 10 views; orange: orange cast "
     assert said in block.text + " "
     assert "whole:" not in block.text
     assert block.heads == ["psnr ↑"]
-    assert {c.metric for c in compare.compare(frame(rows), ["faults"])[0].columns} == {"faults"}
+    assert {c.metric for c in compare.compare(rows, ["faults"])[0].columns} == {"faults"}
 
 
 @pytest.mark.parametrize(("dataset", "is_track"), [("demo", True), ("photos", False)])
@@ -287,12 +247,8 @@ def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(
 ):
     gains = [0.2, 0.3, 0.9, 1.0, 1.1, 1.0, 0.4, 0.2]
     options = json.dumps({"name": "gray_world", "dataset": {"name": dataset}})
-    rows = [
-        replace(PSNR, method=method, view=f"v{view}", value=20 + value, options=options)
-        for method, values in (("a", [0.0] * 8), ("b", gains))
-        for view, value in enumerate(values)
-    ]
-    text = printed(compare.compare(frame(rows))).text
+    scores = {"a": [20.0] * 8, "b": [20 + gain for gain in gains]}
+    text = printed([table(scores, options=options)]).text
     assert bool(re.search(r"8 views \(neighbours .* worth [2-4] ", text)) == is_track
     assert ("may be chance" in text) == is_track
 
@@ -309,12 +265,11 @@ def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(
 def test_few_views_name_no_leader_and_the_line_says_why(dataset: str, views: int, said: str):
     """b is better by 10 in each view. Four views of a track are alike; nineteen hide a rare failure."""
     options = json.dumps({"name": "gray_world", "dataset": {"name": dataset}})
-    rows = [
-        replace(PSNR, method=method, view=f"v{view:02}", value=gain + view % 3, options=options)
-        for method, gain in (("a", 20), ("b", 30))
-        for view in range(views)
-    ]
-    assert re.search(said, printed(compare.compare(frame(rows))).text)
+    scores = {
+        method: [gain + view % 3 for view in range(views)]
+        for method, gain in (("a", 20.0), ("b", 30.0))
+    }
+    assert re.search(said, printed([table(scores, options=options)]).text)
 
 
 def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
@@ -354,35 +309,19 @@ def test_where_all_tie_nothing_is_marked_and_the_least_gap_that_shows_is_said():
 
 def test_the_whole_table_marks_ties_with_and_without_intervals():
     scores = {"a": [20.0, 25, 30], "b": [21.0, 24, 31], "far": [-979.0, -976, -969]}
-    (comparison,) = compared({"psnr": scores})
-    shown = []
-    for intervals in (False, True):
-        console = Console(file=io.StringIO(), width=80)
-        console.print(as_table(comparison, 80, intervals=intervals))
-        shown.append(console.file.getvalue())
+    comparison = table(scores)
+    shown = [
+        on_terminal(as_table(comparison, 80, intervals=intervals), width=80)
+        for intervals in (False, True)
+    ]
     assert ["[" in text for text in shown] == [False, True]
     assert all("≈" in text for text in shown)
     assert all("rough" in text for text in shown)
 
 
-MIXED = {
-    "psnr": {
-        "a": [20.0, 25, 30, 27, 26, 22, 21, 24],
-        "b": [21.0, 24, 31, 26, 27, 21, 22, 25.5],
-    },
-    "psi": {"a": [4.0, 5], "b": [4.1, 4.8]},
-}
-
-
-def test_each_column_says_over_how_few_views_it_is():
-    block = printed(compared(MIXED))
-    assert "over 8 views" in block.text
-    assert "psi: over 2 views" in block.text
-
-
 def test_what_is_over_more_views_than_the_scores_says_so():
     taste = {"a": [1.0, 2, 3, 4], "b": [2.0, 3, 4, 5]}
-    block = printed(compared({"psi": MIXED["psi"], "uciqe": taste}))
+    block = printed(compared({"psi": {"a": [4.0, 5], "b": [4.1, 4.8]}, "uciqe": taste}))
     assert "means over 4 views" in block.text
     assert "psi: over 2 views" in block.text
 
@@ -450,18 +389,14 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
 
 
 def test_many_datasets_say_on_which_pixels_their_scores_are():
-    holed = replace(SECONDS, method="holed", coverage=0.5)
-    rows = [
-        replace(row, dataset=f"sea{n}", view="v0", options='{"name": "underwater"}')
+    rows = pd.concat(
+        rows_of({"whole": [1.0], "holed": [2.0]}, dataset=f"sea{n}", **KINDS[metric])
         for n in range(4)
-        for row in (
-            replace(PSNR, method="whole", value=1.0),
-            replace(PSNR, method="holed", value=2.0),
-            replace(SECONDS, method="whole"),
-            holed if n < 3 else replace(holed, coverage=1.0),
-        )
-    ]
-    assert re.search(r"\b3 of 4 tables\b.*pixels", printed(compare.compare(frame(rows))).text)
+        for metric in ("psnr", "seconds")
+    )
+    is_whole = (rows["method"] == "whole") | (rows["dataset"] == "sea3")
+    rows["coverage"] = rows["coverage"].where(is_whole, 0.5)
+    assert re.search(r"\b3 of 4 tables\b.*pixels", printed(compare.compare(rows)).text)
 
 
 LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbours=40"
@@ -484,12 +419,14 @@ def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label
 
 def test_a_method_that_an_option_does_not_reach_is_named():
     """gray_world has the same scores with one and with three neighbours; sucre has others."""
-    rows = [
-        replace(PSNR, dataset=f"sea,within={n}", method=m, view=f"v{v}", value=20.0 + v + gain)
+    scores = [20.0, 21, 22, 23, 24]
+    tables = [
+        table(
+            {"gray_world": scores, "sucre": [score + n for score in scores]},
+            dataset=f"sea,within={n}",
+        )
         for n in (1, 3)
-        for m, gain in (("gray_world", 0), ("sucre", n))
-        for v in range(5)
     ]
-    text = printed(compare.compare(frame(rows))).text
+    text = printed(tables).text
     assert re.search("gray_world: the same scores in all 2 tables of sea", text)
     assert not re.search("sucre: the same scores", text)

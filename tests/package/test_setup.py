@@ -62,19 +62,12 @@ def wheels(folder: Path, version: str) -> Path:
 
 
 @with_uv
-def test_packages_come_from_where_pips_configuration_file_says(tmp_path: Path):
-    configuration = tmp_path / "pip.conf"
-    configuration.write_text(
-        f"[global]\nno-index = true\nfind-links = {wheels(tmp_path / 'one', '1.0')}\n"
-    )
-    assert "soundings==1.0" in would_install(PIP_CONFIG_FILE=configuration)
-
-
-@with_uv
 def test_pips_variables_win_over_its_file_and_uvs_over_both(tmp_path: Path):
     one, two, three = (wheels(tmp_path / version, version) for version in ("1.0", "2.0", "3.0"))
     configuration = tmp_path / "pip.conf"
-    configuration.write_text(f"[install]\nno-index = true\nfind-links = {three}\n")
+    for section in ("global", "install"):
+        configuration.write_text(f"[{section}]\nno-index = true\nfind-links = {three}\n")
+        assert "soundings==3.0" in would_install(PIP_CONFIG_FILE=configuration)
     assert "soundings==2.0" in would_install(PIP_CONFIG_FILE=configuration, PIP_FIND_LINKS=two)
     assert "soundings==1.0" in would_install(
         PIP_CONFIG_FILE=configuration, PIP_FIND_LINKS=two, UV_FIND_LINKS=one

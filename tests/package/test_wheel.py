@@ -9,7 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from support.places import ROOT
+from support.places import ROOT, blocks
 
 from sucre_bench.datasets.demo import Demo
 from sucre_bench.machine.provenance import requirements
@@ -89,23 +89,12 @@ def test_the_description_of_the_package_leads_to_whole_addresses(wheel: zipfile.
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
-def blocks(page: str, language: str) -> list[str]:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-
-
-def halve_blue() -> str:
-    """The plugin file of docs/plugins.md."""
-    return next(
-        block
-        for block in blocks("docs/plugins.md", "python")
-        if block.startswith("# halve_blue.py")
-    )
-
-
 def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_demo: list[str]):
     """Its file and its command word for word; the demo scene is a small one."""
-    (tmp_path / "halve_blue.py").write_text(halve_blue())
+    (plugin,) = (
+        block for block in blocks("docs/plugins.md", "python") if "# halve_blue.py" in block
+    )
+    (tmp_path / "halve_blue.py").write_text(plugin)
     lines = [line for block in blocks("docs/plugins.md", "sh") for line in block.splitlines()]
     command = next(line for line in lines if "halve_blue" in line)
     done = bench(*command.split()[1:], *small_demo, "tracking.uri=off")

@@ -214,18 +214,6 @@ def test_a_restoration_of_another_view_is_not_scored() -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "said"),
-    [
-        (lambda: sb.compare_methods(SCENE, "gray_world"), "pass a list or a dict"),
-        (lambda: sb.wide(3), "is 3"),
-    ],
-)
-def test_what_was_passed_is_named_beside_what_to_pass(call: Callable[[], Any], said: str):
-    with pytest.raises(sb.InputError, match=said):
-        call()
-
-
-@pytest.mark.parametrize(
     "matrix",
     [
         K.T,

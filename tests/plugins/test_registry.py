@@ -118,14 +118,6 @@ def package(folder: Path, module: str, text: str) -> None:
     (info / "entry_points.txt").write_text(f"[sucre_bench.plugins]\n{module} = {module}\n")
 
 
-def test_an_installed_package_brings_plugins_by_its_entry_point(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    package(tmp_path, "their_package", METHOD.format(name="Theirs"))
-    monkeypatch.syspath_prepend(tmp_path)
-    assert find("method", "theirs").cls.__module__ == "their_package"
-
-
 def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -6,13 +6,13 @@ import shutil
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 from support.command_line import Started, calls
+from support.made_results import row
 from support.places import TOYS
 
 from sucre_bench import compare, results
@@ -20,10 +20,10 @@ from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports.mlflow.runs import log
 from sucre_bench.reports.mlflow.store import Place
 from sucre_bench.reports.paper import style
-from sucre_bench.results.rows import Row
 
 pytestmark = pytest.mark.usefixtures("toys")
 PASSWORD = "pa55word"
+SECONDS = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
 RUN = ("run", "--plugin", str(TOYS), "dataset=toy", "metrics=[redness]", "report=false")
 
 
@@ -111,7 +111,6 @@ def test_runs_are_there_while_a_view_is_restored_killed_at_ctrl_c_and_go_on_with
         "gain": "RUNNING",
     }
     assert gain.data.tags["mlflow.parentRunId"] == at_work[""].info.run_id
-    assert at_work[""].data.params["degrade.noise"] == gain.data.params["degrade.noise"] == "0"
     stopped.send(signal.SIGINT)
     assert stopped.ended().returncode == 130
     assert {name: run.info.status for name, run in by_method(uri).items()} == {
@@ -179,13 +178,9 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
     assert steps(uri, faulty).keys() == {0, 2}, "the view that failed leaves its step out"
 
-    assert (
-        gain.data.params.items()
-        >= {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}.items()
-    )
-    assert (
-        gain.data.params.items() >= {"replicate": "0", "seed": "0", "degrade.seed": "0"}.items()
-    )
+    params = {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}
+    params |= {"replicate": "0", "seed": "0", "degrade.seed": "0"}
+    assert gain.data.params.items() >= params.items()
     assert parent.data.params.items() >= {"dataset.name": "toy", "degrade.noise": "0"}.items()
     assert "method.name" not in parent.data.params
     of_gain = rows[(rows["method"] == "gain") & (rows["metric"] == "redness")]
@@ -316,20 +311,9 @@ def test_a_folder_is_logged_once_and_what_is_new_in_it_goes_on_in_its_runs(
 
 
 def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
-    base = Row(
-        "demo",
-        "reef",
-        view="a.png",
-        method="m",
-        options='{"name": "m"}',
-        options_id="o",
-        data_id="d",
-        value=1.0,
-    )
     for second, code in enumerate(("a" * 12, "b" * 12)):
-        results.write_rows(
-            out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")]
-        )
+        own = row("m", "a.png", 1.0, code=code, time=f"2026-01-01T00:00:0{second}", **SECONDS)
+        results.write_rows(out, "m", [own])
         assert log(out, Place(uri, "sucre_bench")) == 1
     latest = {
         run.data.tags["code"]: run.data.tags["latest"]
@@ -341,26 +325,15 @@ def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
 
 def test_means_are_those_of_the_table(out: Path, uri: str):
     """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
-    options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
-    base = Row(
-        "demo",
-        "reef",
-        method="gray_world",
-        options=options,
-        options_id="o",
-        data_id="d",
-        code="c",
-    )
     angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
     kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}
     psi = [
-        replace(base, **kind, view=view, region=f"chart{number}", value=value)
+        row("gray_world", view, value, region=f"chart{number}", **kind)
         for view, values in angles.items()
         for number, value in enumerate(values)
     ]
-    results.write_rows(
-        out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi]
-    )
+    seconds = [row("gray_world", view, 1.0, **SECONDS) for view in angles]
+    results.write_rows(out, "made", [*seconds, *psi])
     (table,) = compare.compare(results.read(out))
     assert log(out, Place(uri, "sucre_bench")) == 1
     (column,) = [c for c in table.columns if c.metric == "psi"]

@@ -210,9 +210,9 @@ class Browser:
             self.call("Input.dispatchTouchEvent", type=kind, touchPoints=fingers)
         self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
-    def press(self, key: str, shift: bool = False) -> None:
-        """Press a key: a character, or a name such as "ArrowRight"."""
-        self._page.keyboard.press(f"Shift+{key}" if shift else key)
+    def press(self, key: str) -> None:
+        """Press a key: a character, or a name such as "ArrowRight" or "Shift+ArrowRight"."""
+        self._page.keyboard.press(key)
 
     def write(self, text: str) -> None:
         """Write into the focused element."""
@@ -224,10 +224,6 @@ class Browser:
             self.click(selector)
         saved.value.save_as(path)
 
-    def picture(self, path: Path, whole: bool = False) -> None:
-        """Store a picture of the window, or of the whole page."""
-        self._page.screenshot(path=path, full_page=whole)
-
-    def printed(self, path: Path) -> None:
-        """Store what a printer would get, as PDF."""
-        self._page.pdf(path=path, print_background=True)
+    def picture(self, path: Path) -> None:
+        """Store a picture of the window."""
+        self._page.screenshot(path=path)

@@ -8,6 +8,7 @@ more of it than near ones, and everything is known.
 import numpy as np
 
 from sucre_bench import Arrays, Camera, Scene, View, Water
+from support.made_scene import make_pose
 
 TEXEL_M = 0.03
 SIZE = 300  # texels a side
@@ -64,13 +65,10 @@ def make_ground(
 
 def looking_down(height: float, tilt: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """cam_from_world of a camera above the middle of the ground; x right, y down in the image, z into the ground."""
-    (ca, cb), (sa, sb) = np.cos(tilt), np.sin(tilt)
-    down = np.diag([1.0, -1.0, -1.0])
-    turn = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array(
-        [[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]]
-    )
+    pitch, yaw = tilt
+    turn = make_pose((0, 0, 0), yaw, pitch)[:3, :3]
     pose = np.eye(4)
-    pose[:3, :3] = turn @ down
+    pose[:3, :3] = turn @ np.diag([1.0, -1.0, -1.0])
     pose[:3, 3] = -pose[:3, :3] @ np.array([*shift, height])
     return pose
 

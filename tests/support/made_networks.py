@@ -105,7 +105,6 @@ def network_options(method: str, folder: Path) -> dict[str, Any]:
 
 
 NOISE = np.random.default_rng(0).random((20, 24, 3), dtype=np.float32)
-OWN_SIZE = {"water_net": {}, "funie_gan": {"size": None}, "tacl": {}}
 
 
 def restored(method: str, rgb: np.ndarray, **options: Any) -> np.ndarray:

@@ -65,26 +65,53 @@ def _rows(out: Path, dataset: str, size: tuple[int, int], worse: float) -> Itera
             yield replace(
                 row, **psnr, value=score - worse, coverage=0.75 if method == "clever" else 1.0
             )
-            yield from _chart_rows(row, number)
-
-
-def _chart_rows(row: Row, number: int) -> Iterator[Row]:
-    away = {"metric": "chart_distance", "variant": "median", "unit": "m", "better": "none"}
-    yield replace(row, **away, region="near", value=DISTANCES[number])
-    de00 = {"metric": "de00", "variant": "lab", "unit": "dE00", "better": "lower"}
-    yield replace(row, **de00, region="near", value=float(np.mean(list(DE00.values()))))
-    hue = {"metric": "hue", "unit": "deg", "better": "none", "region": "near/2-red"}
-    yield replace(row, **hue, variant="hsv", value=10.0)
-    yield replace(row, **hue, variant="hsv-expected", value=350.0)
-    for patch, (measured, expected) in PATCHES.items():
-        here = replace(row, region=f"near/{patch}")
-        yield replace(here, **de00, value=DE00[patch])
-        for c, channel in enumerate(("red", "green", "blue")):
-            colour = {"metric": "patch_colour", "unit": "", "better": "none"}
-            yield replace(here, **colour, variant=channel, value=measured[c] / 255)
-            yield replace(
-                here, **colour, variant=f"{channel}-expected", value=expected[c] / 255
+            yield from chart_rows(
+                row,
+                "near",
+                DISTANCES[number],
+                {"de00": DE00},
+                {"2-red": (10.0, 350.0)},
+                {patch: np.divide(pair, 255).tolist() for patch, pair in PATCHES.items()},
             )
+
+
+def chart_rows(
+    row: Row,
+    chart: str,
+    distance: float,
+    errors: Mapping[str, Mapping[str, float]],
+    hues: Mapping[str, Sequence[float]],
+    colours: Mapping[str, Sequence[Sequence[float]]],
+) -> Iterator[Row]:
+    """Scores of a chart. errors: of patches by metric; hues, colours: of patches, measured and expected."""
+    away = {"metric": "chart_distance", "variant": "median", "unit": "m", "better": "none"}
+    yield replace(row, **away, region=chart, value=distance)
+    for metric, of_patches in errors.items():
+        error = replace(row, metric=metric, variant="lab", unit="dE00", better="lower")
+        yield replace(error, region=chart, value=float(np.mean([*of_patches.values()])))
+        for patch, value in of_patches.items():
+            yield replace(error, region=f"{chart}/{patch}", value=value)
+    for patch, pair in hues.items():
+        hue = replace(row, metric="hue", unit="deg", better="none", region=f"{chart}/{patch}")
+        for end, value in zip(("", "-expected"), pair, strict=True):
+            yield replace(hue, variant=f"hsv{end}", value=value)
+    for patch, colour_pair in colours.items():
+        one = replace(row, metric="patch_colour", better="none", region=f"{chart}/{patch}")
+        for end, colour in zip(("", "-expected"), colour_pair, strict=True):
+            for channel, value in zip(("red", "green", "blue"), colour, strict=True):
+                yield replace(one, variant=f"{channel}{end}", value=value)
+
+
+def keep(out: Path, row: Row, told: Mapping[str, Any], image: np.ndarray | None = None) -> None:
+    """Write the files that a run keeps of a restoration. image: BGR, 8 bits."""
+    place = layout.Place(row.dataset, Path(row.view).with_suffix(""))
+    path = place.restored(out, row.method)
+    for file in (path, place.original(out)):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".json").write_text(json.dumps(told))
+    place.original(out).touch()
+    if image is not None:
+        cv2.imwrite(str(path), image)
 
 
 def _write(

@@ -6,14 +6,12 @@ from sucre_bench import Arrays, Camera, Scene, View, Water
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import ChartKind
 from sucre_bench.scene import Encoding
-from support.forward_model import in_water, photographed
+from support.forward_model import CLEAR, in_water, photographed
 
 # The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
 PLANE = np.array([0.06, -0.04, 0.33])
 BOX = np.array([[-0.5, -0.4, 1.9], [0.2, 0.3, 2.3]])
-WATER = Water(
-    np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13])
-)
+WATER = CLEAR
 
 
 def make_camera(width: int, height: int, focal: float) -> Camera:

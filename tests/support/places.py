@@ -27,10 +27,15 @@ def _data() -> Path:
 DATA = _data()
 
 
+def blocks(page: str, language: str) -> list[str]:
+    """The blocks of code in a page of the repository, continued lines joined. language: a pattern."""
+    text = re.sub(r"\\\n\s*", "", (ROOT / page).read_text(encoding="utf-8"))
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
 def write_experiments(folder: Path) -> None:
     """Write the first documented experiment by the names that examples give it."""
-    text = (ROOT / "docs" / "run.md").read_text(encoding="utf-8")
-    shown, *_ = re.findall(r"^```yaml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    shown, *_ = blocks("docs/run.md", "yaml")
     for name in ("my_experiment.yaml", "results/experiment.yaml", "mine/experiment/NAME.yaml"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(shown, encoding="utf-8")

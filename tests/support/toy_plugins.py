@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,7 +37,6 @@ from sucre_bench import (
     metric,
 )
 from sucre_bench.errors import DiskFullError
-from sucre_bench.plugins.call_method import is_stored_in_full
 
 
 @dataset()
@@ -70,6 +69,10 @@ class Toy:
         yield Scene("toy", views, has, water, data_id=f"toy{self.views}{self.tag}")
 
 
+def _flat(level: float, name: str = "a.png") -> View:
+    return View(name, Arrays(np.full((8, 8, 3), level, np.float32)))
+
+
 @dataset()
 @dataclass(frozen=True)
 class TwoScenes:
@@ -77,8 +80,7 @@ class TwoScenes:
 
     def scenes(self) -> Iterator[Scene]:
         for name, level in (("left", 0.2), ("right", 0.8)):
-            view = View("a.png", Arrays(np.full((8, 8, 3), level)))
-            yield Scene(name, [view], frozenset(), data_id=name)
+            yield Scene(name, [_flat(level)], frozenset(), data_id=name)
 
 
 @dataset()
@@ -88,7 +90,7 @@ class Namesakes:
 
     def scenes(self) -> Iterator[Scene]:
         for level in (0.2, 0.8):
-            yield Scene("one", [View("a.png", Arrays(np.full((8, 8, 3), level)))], frozenset())
+            yield Scene("one", [_flat(level)], frozenset())
 
 
 @dataset()
@@ -97,8 +99,7 @@ class Twins:
     """Two views of one name."""
 
     def scenes(self) -> Iterator[Scene]:
-        view = View("a.png", Arrays(np.zeros((8, 8, 3))))
-        yield Scene("twins", [view, view], frozenset())
+        yield Scene("twins", [_flat(0.0)] * 2, frozenset())
 
 
 @method()
@@ -134,20 +135,6 @@ class Gain:
 @dataclass(frozen=True)
 class AlsoGain(Gain):
     """The same under another name."""
-
-
-@method()
-@dataclass(frozen=True)
-class Gated(Gain):
-    """Fails on the first view until a file is there, and says whether all of its result is wanted."""
-
-    gate: Path = Path("gate")
-    """The file."""
-
-    def restore(self, scene: Scene, view: View) -> Restoration:
-        if view.name == "v0.png" and not self.gate.is_file():
-            raise ValueError("the gate is closed")
-        return replace(super().restore(scene, view), info={"in_full": is_stored_in_full()})
 
 
 @method(needs={"charts"})
@@ -239,19 +226,6 @@ class Redness:
             float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1) * self.factor,
             n_pixels=shown[..., 0].size,
         )
-
-
-@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
-@dataclass(frozen=True)
-class Stumbles:
-    """A metric that fails on one view."""
-
-    def score(
-        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
-    ) -> Iterator[Score]:
-        if view.name == "v2.png":
-            raise RuntimeError("no score")
-        yield Score(0.5)
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
@@ -510,11 +484,7 @@ class Called:
     """Its scene's name."""
 
     def scenes(self) -> Iterator[Scene]:
-        yield Scene(
-            self.scene,
-            [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))],
-            frozenset(),
-        )
+        yield Scene(self.scene, [_flat(0.5, self.view)], frozenset())
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))

@@ -198,7 +198,7 @@ def test_the_divider_follows_mouse_and_keys_and_from_nearby_the_full_picture_is_
     assert "80" in page.ask(after)
     page.ask("document.querySelector('#divider').focus()")
     page.press("ArrowLeft")
-    page.press("ArrowLeft", shift=True)
+    page.press("Shift+ArrowLeft")
     assert float(page.ask("document.querySelector('#divider').ariaValueNow")) == pytest.approx(
         69, abs=1
     )
@@ -335,8 +335,6 @@ def test_best_median_and_worst_views_are_of_the_method_on_the_right_and_losses_l
 
 
 def test_the_error_map_is_black_where_a_picture_is_its_reference(page: Browser, tmp_path: Path):
-    import cv2
-
     rows = made_results(tmp_path)
     ramp = np.repeat(
         np.linspace(80, 200, 96, dtype=np.uint8)[None, :, None], 64, axis=0

@@ -1,5 +1,4 @@
 import base64
-import html
 import json
 import math
 import re
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
+from support.made_results import ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import results
 from sucre_bench.compare import compare
@@ -23,10 +22,6 @@ from sucre_bench.jobs.rerun import Rerun
 from sucre_bench.reports import page as report
 from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row
-
-
-def write_page(out: Path, rows: pd.DataFrame, **how: Any) -> Path:
-    return report.write(out, rows, compare(rows), **how)
 
 
 class Page(HTMLParser):
@@ -62,26 +57,6 @@ class Page(HTMLParser):
             if attributes.get("class") == "dataset"
         ]
 
-    @property
-    def figures(self) -> list[dict[str, Any]]:
-        """The plots, as Plotly has them."""
-        return [
-            json.loads(text)
-            for attributes, text in self.scripts
-            if attributes == {"type": "application/json"}
-        ]
-
-    def rows(self, table: str) -> list[list[str]]:
-        """The cells of the first table of a class: their values for sorting, or their texts."""
-        (body, *_) = re.findall(
-            rf'<table class="{table}">.*?<tbody>(.*?)</tbody>', self.source, re.DOTALL
-        )
-        cells = [
-            re.findall(r"<t[dh]\b([^>]*)>(.*?)</t[dh]>", row, re.DOTALL)
-            for row in body.split("</tr>")
-        ]
-        return [[cell(*parts) for parts in row] for row in cells if row]
-
     def blocks(self, kind: str) -> dict[str, dict[str, str | None]]:
         return {str(a["id"]): a for a, _ in self.scripts if a.get("data-kind") == kind}
 
@@ -92,33 +67,23 @@ class Page(HTMLParser):
         )
 
 
-def cell(attributes: str, inner: str) -> str:
-    value = re.search(r'data-value="([^"]*)"', attributes)
-    return value[1] if value else html.unescape(re.sub(r"<[^>]*>", "", inner)).strip()
+def written(out: Path, rows: pd.DataFrame, **how: Any) -> Page:
+    return Page(report.write(out, rows, compare(rows), **how))
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, pd.DataFrame, Path]:
-    """A page as it usually is, the rows that it is of, and their folder."""
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path]:
+    """A page as it usually is, and its folder."""
     folder = tmp_path_factory.mktemp("made")
-    rows = made_results(folder)
-    return Page(write_page(folder, rows)), rows, folder
-
-
-@pytest.fixture
-def page(made: tuple[Page, pd.DataFrame, Path]) -> Page:
-    return made[0]
-
-
-def ran(out: Path, *overrides: str) -> Page:
-    base = ["dataset=toy", "metrics=[redness]", "tracking.uri=off", f"out={out}"]
-    return Page(write_page(out, run([*base, *overrides], True).rows))
+    return written(folder, made_results(folder)), folder
 
 
 def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(
     toys: str, tmp_path: Path
 ):
-    page = ran(tmp_path, "method=gain,faulty,needs_charts")
+    words = ("dataset=toy", "method=gain,faulty,needs_charts", "metrics=[redness]")
+    outcome = run([*words, "tracking.uri=off", f"out={tmp_path}"], True)
+    page = written(tmp_path, outcome.rows)
     for said in (
         "ValueError: boom",
         "needs charts",
@@ -137,16 +102,8 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
-def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
-    means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
-    # the third is a hole
-    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}
-    assert list(means) == ["clever", "plain", "broken"]
-    assert '<td class="best " data-value="26.0"' in page.source
-
-
-def test_views_have_their_scores_coverage_water_and_truth(page: Page):
-    view = page.datasets[0]["views"][1]
+def test_views_have_their_scores_coverage_water_and_truth(made: tuple[Page, Path]):
+    view = made[0].datasets[0]["views"][1]
     clever = view["results"][1]
     assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
     # what is of charts, or took time, covers nothing
@@ -160,25 +117,10 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     assert view["results"][0]["water"] is None
 
 
-def test_plots_have_the_numbers_of_the_rows(page: Page):
-    figures = page.figures
-    titles = [
-        [f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")]
-        for f in figures
-    ]
-    cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
-    assert [(t["name"], t["x"], t["y"]) for t in cost] == [
-        (name, [1.0], [np.mean(values[:2])]) for name, values in PSNR.items()
-    ]
-    errors = figures[titles.index(["distance of the chart, m", "de00 ↓ dE00"])]["data"]
-    assert [t["x"] for t in errors] == [[2, 4, 8], [2, 4, 8], [2, 4]]
-    assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
-
-
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(
-    made: tuple[Page, pd.DataFrame, Path],
+    made: tuple[Page, Path],
 ):
-    page, _, folder = made
+    page, folder = made
     (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
@@ -195,7 +137,7 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
     rows = made_results(tmp_path)
     (tmp_path / "restored/reef/clever/v0.png").write_bytes(b"\x89PNG not")
     (tmp_path / "restored/reef/clever/v0.json").write_text("{")
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     result = page.datasets[0]["views"][0]["results"][1]
     assert result["picture"]["id"] not in page.blocks("image/webp")
     assert result["water"] is None
@@ -205,7 +147,7 @@ def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
     rows = results.frame(
         [Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")]
     )
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     assert "no such folder" in page.text
     assert len(page.source) < 200_000  # no plotting library for no plot
 
@@ -219,7 +161,7 @@ def test_a_stored_mask_tells_holes_from_black_pixels(tmp_path: Path):
     mask[:, :10] = False  # of the 24 columns that are black
     path = tmp_path / "restored/reef/clever/v0.png"
     write_masked_png(path, cv2.imread(str(path)), mask)
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     ids = [result["picture"]["id"] for result in page.datasets[0]["views"][0]["results"]]
     holes = page.picture(f"{ids[1]}-holes")[..., 3] > 0
     np.testing.assert_array_equal(holes, ~mask)
@@ -230,7 +172,7 @@ def test_the_map_of_confidence_is_bright_where_it_is_large(tmp_path: Path):
     rows = made_results(tmp_path)
     confidence = np.tile(np.linspace(2, 4, 96, dtype=np.float32), (64, 1))
     np.savez(tmp_path / "restored/reef/clever/v0.npz", confidence=confidence)
-    page = Page(write_page(tmp_path, rows))
+    page = written(tmp_path, rows)
     name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
     about = page.blocks("image/webp")[f"{name}-confidence"]
     assert [float(str(about[k])) for k in ("data-low", "data-high")] == pytest.approx(
@@ -246,11 +188,8 @@ def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: P
         "reef",
         "wreck",
     ]
-    page = Page(
-        write_page(
-            tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40))
-        )
-    )
+    rows = made_results(tmp_path, datasets=datasets)
+    page = written(tmp_path, rows, widths=((5, 960), (14, 40)))
     kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
     assert [sum(k) for k in kept] == [1, 1]
     assert all(v["original"]["link"] for d in page.datasets for v in d["views"])
@@ -334,7 +273,7 @@ def test_a_views_command_runs_and_gives_the_same_score(
         f"out='{out}'",
     ]
     rows = run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
-    (dataset,) = Page(write_page(out, rows)).datasets
+    (dataset,) = written(out, rows).datasets
     parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metrics"]]
     said = shlex.split(" ".join(parts))
     assert "--plugin" in said

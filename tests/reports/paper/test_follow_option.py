@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from support.made_results import followed, noisy, row, words
 
@@ -40,20 +39,6 @@ def test_all_values_are_compared_on_the_images_that_all_have():
     assert leads == pytest.approx({"depth_noise=0 · b": 10, "depth_noise=0.1 · b": 9})
 
 
-def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
-    scores = np.random.default_rng(0).normal(20, 6, 12)
-    less = scores - np.random.default_rng(1).normal(1, 0.2, 12)
-    one = followed(
-        noisy({None: {"a": list(scores)}, 0.1: {"a": list(less)}}), "degrade.depth_noise"
-    )
-    (cell,) = one.changes.cells.values()
-    assert cell.change[0] == pytest.approx((less - scores).mean())
-    assert cell.change[2] < 0
-    (column,) = one.scores.columns
-    undegraded, degraded = (one.scores.cells[line, column] for line in one.scores.methods)
-    assert undegraded.low < degraded.mean < undegraded.high  # unpaired, nothing could be said
-
-
 def test_results_on_older_data_are_left_out_and_said():
     rows = noisy(
         {
@@ -68,15 +53,6 @@ def test_results_on_older_data_are_left_out_and_said():
     one = followed(rows, "degrade.depth_noise")
     assert any(said.endswith("depth_noise=0 · b") for said in left_out(one.scores))
     assert "depth_noise=0 · b" not in {line for line, _ in one.scores.cells}
-
-
-def test_repetitions_are_averaged_and_are_no_views_of_their_own():
-    rows = noisy({None: {"a": [10.0, 12.0]}, 0.1: {"a": [8.0, 8.0]}})
-    again = noisy({None: {"a": [20.0, 22.0]}, 0.1: {"a": [8.0, 8.0]}}, scene="reef,replicate=1")
-    one = followed(pd.concat([rows, again], ignore_index=True), "degrade.depth_noise")
-    (column,) = one.scores.columns
-    assert (column.n_views, column.n_scenes) == (2, 1)
-    assert one.scores.cells["depth_noise=0 · a", column].mean == 16
 
 
 @pytest.mark.parametrize("repetitions", [("",), ("", ",replicate=1")])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from support.made_results import csv, noisy, row
 
@@ -18,11 +19,11 @@ from sucre_bench.results.rows import frame
 
 
 def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_path: Path):
-    rows = frame(
+    half = [0.5] * 4
+    rows = pd.concat(
         [
-            *(row("a", f"v{n}", 20.0 + n) for n in range(4)),
-            *(row("b", f"v{n}", 21.0 + n) for n in range(4)),
-            *(row(m, f"v{n}", 0.5, metric="ssim", unit="") for m in "ab" for n in range(4)),
+            noisy({None: {"a": [20.0, 21, 22, 23], "b": [21.0, 22, 23, 24]}}),
+            noisy({None: {"a": half, "b": half}}, metric="ssim", unit=""),
         ]
     )
     written = write(Study("s", metrics=("ssim", "psnr")), rows, tmp_path, methods=("b", "a"))
@@ -39,13 +40,7 @@ def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_
 @pytest.mark.parametrize("already", [True, False])
 def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path, already: bool):
     base, other = [20.0, 25.0, 30.0, 25, 25], [21.0, 27.0, 33.0, 28, 26]
-    rows = frame(
-        [
-            row(m, f"v{n}", v)
-            for m, own in (("a", base), ("b", other))
-            for n, v in enumerate(own)
-        ]
-    )
+    rows = noisy({None: {"a": base, "b": other}})
     # what `run baseline=a` has made for the terminal
     made = compare(rows, baseline="a") if already else ()
     write(Study("s", baseline="a"), rows, tmp_path, comparisons=made)
@@ -112,7 +107,7 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     drawn("breaks", breaks)
     drawn("nothing", nothing)
     drawn("half", half)
-    rows = frame([row(m, f"v{n}", 20.0 + n + (m == "b")) for m in "ab" for n in range(2)])
+    rows = noisy({None: {"a": [20.0, 21], "b": [21.0, 22]}})
     written = write(Study("s", figures=("breaks", "nothing", "half", "scores")), rows, tmp_path)
     names = {
         f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")
@@ -131,7 +126,7 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
 
 
 def test_where_nothing_was_restored_nothing_of_before_is_left(tmp_path: Path):
-    rows = frame([row(m, f"v{n}", 20.0 + n) for m in "ab" for n in range(2)])
+    rows = noisy({None: {"a": [20.0, 21], "b": [20.0, 21]}})
     study = Study("s", figures=("scores",))
     (tmp_path / "figures").mkdir()
     other = tmp_path / "figures" / "s-2-scores.png"

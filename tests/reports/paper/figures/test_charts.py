@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -11,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from support.made_results import drawn
+from support.made_results import chart_rows, drawn, keep
 
 from sucre_bench import results
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.results import layout
 from sucre_bench.results.rows import Row
 
 if TYPE_CHECKING:
@@ -46,40 +44,22 @@ def error(method: str, view: str, chart: str, patch: str) -> float:
     )
 
 
-def chart_rows(hue: float = 0.0) -> Iterator[Row]:
+def rows_of_charts(hue: float = 0.0) -> Iterator[Row]:
     """Scores of two charts in three views; sucre's hues are off by `hue`, underwater's by none."""
-    for method, view, chart in product(METHODS, VIEWS, CHARTS):
-        own = {"dataset": "dive", "scene": "s", "view": view, "method": method}
-        yield Row(**own, metric="seconds", value=1)
-        yield Row(
-            **own,
-            metric="chart_distance",
-            variant="median",
-            region=chart,
-            value=DISTANCE[view, chart],
-            better="none",
-        )
-        for metric in ("psi", "de00"):
-            values = [error(method, view, chart, patch) for patch in PATCHES]
-            yield Row(
-                **own, metric=metric, variant="v", region=chart, value=float(np.mean(values))
+    for method, view in product(METHODS, VIEWS):
+        own = Row("dive", "s", view, method, value=1)
+        yield own
+        off = hue * (method == "sucre")
+        for chart in CHARTS:
+            errors = {patch: error(method, view, chart, patch) for patch in PATCHES}
+            yield from chart_rows(
+                own,
+                chart,
+                DISTANCE[view, chart],
+                {"psi": errors, "de00": errors},
+                {patch: ((known + off) % 360, known) for patch, known in EXPECTED_HUE.items()},
+                {patch: (MEASURED, known) for patch, known in EXPECTED.items()},
             )
-            for patch, value in zip(PATCHES, values, strict=True):
-                yield Row(
-                    **own, metric=metric, variant="v", region=f"{chart}/{patch}", value=value
-                )
-        for patch in PATCHES:
-            about = {**own, "region": f"{chart}/{patch}", "better": "none"}
-            measured = EXPECTED_HUE[patch] + hue * (method == "sucre")
-            yield Row(**about, metric="hue", variant="hsv", value=measured % 360)
-            yield Row(**about, metric="hue", variant="hsv-expected", value=EXPECTED_HUE[patch])
-            for channel, shown, listed in zip(
-                ("red", "green", "blue"), MEASURED, EXPECTED[patch], strict=True
-            ):
-                yield Row(**about, metric="patch_colour", variant=channel, value=shown)
-                yield Row(
-                    **about, metric="patch_colour", variant=f"{channel}-expected", value=listed
-                )
 
 
 def lines(axes: Axes, label: str) -> np.ndarray:
@@ -91,7 +71,7 @@ def lines(axes: Axes, label: str) -> np.ndarray:
 def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_patches() -> (
     None
 ):
-    (figure,) = drawn("charts", results.frame(chart_rows())).values()
+    (figure,) = drawn("charts", results.frame(rows_of_charts())).values()
     psi = figure.axes[0]
     by_distance = sorted(DISTANCE, key=lambda site: DISTANCE[site])
     for method in METHODS:
@@ -108,7 +88,7 @@ def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_p
 
 
 def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> None:
-    rows = list(chart_rows())
+    rows = list(rows_of_charts())
     rows += [
         replace(row, variant="w", value=2 * row.value) for row in rows if row.metric == "de00"
     ]
@@ -122,7 +102,7 @@ def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> Non
 def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest_chart_with_their_difference() -> (
     None
 ):
-    (figure,) = drawn("swatches", results.frame(chart_rows())).values()
+    (figure,) = drawn("swatches", results.frame(rows_of_charts())).values()
     near, far = figure.axes
     assert near.get_title() == "near, 1.5 m"
     assert far.get_title() == "far, 7.6 m"
@@ -138,7 +118,7 @@ def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest
 
 @pytest.mark.parametrize("off", [0, 40, -40, 170, -170])
 def test_hue_is_drawn_within_half_a_turn_of_the_expected_one(off: float) -> None:
-    (figure,) = drawn("hue", results.frame(chart_rows(off))).values()
+    (figure,) = drawn("hue", results.frame(rows_of_charts(off))).values()
     assert [axes.get_title() for axes in figure.axes[:3]] == ["red", "yellow", "green"]
     for axes, patch in zip(figure.axes, PATCHES, strict=False):
         expected = EXPECTED_HUE[patch]
@@ -162,29 +142,22 @@ TRUE = {
 def water_rows() -> Iterator[Row]:
     """Parameters 1, 2, 3 ... of a channel in views whose distances vary by 1, 4, 9 ..."""
     for method, (k, view) in product(METHODS, enumerate(VIEWS)):
-        own = {"dataset": "dive", "scene": "s", "view": view, "method": method}
-        yield Row(**own, metric="distance_variance", variant="image", value=(k + 1) ** 2)
+        own = Row("dive", "s", view, method)
+        yield replace(own, metric="distance_variance", variant="image", value=(k + 1) ** 2)
         for p, c in product(range(3), range(3)):
-            variant = f"{PARAMETERS[p]}-{('red', 'green', 'blue')[c]}"
-            yield Row(
-                **own,
+            yield replace(
+                own,
                 metric="water_parameters",
-                variant=variant,
+                variant=f"{PARAMETERS[p]}-{('red', 'green', 'blue')[c]}",
                 value=100 * p + 10 * c + k + 1,
             )
 
 
 def keep_records(out: Path, encoding: str) -> None:
     """What a run leaves beside its pictures."""
+    told = {"B": [0, 0, 0], "encoding": encoding, "true_water": TRUE}
     for method, view in product(METHODS, VIEWS):
-        place = layout.Place("dive", layout.PurePosixPath(view).with_suffix(""))
-        record = place.restored(out, method).with_suffix(".json")
-        for path, text in (
-            (place.original(out), ""),
-            (record, json.dumps({"B": [0, 0, 0], "encoding": encoding, "true_water": TRUE})),
-        ):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+        keep(out, Row("dive", "s", view, method), told)
 
 
 def test_water_draws_each_views_parameters_over_the_variance_of_its_distances() -> None:
@@ -221,6 +194,8 @@ def test_without_anything_to_draw_it_is_said_which_metrics_to_add(name: str) -> 
     with pytest.raises(NotApplicableError, match=r"; add .*(chart_distance|distance_variance)"):
         drawn(name, rows)
     if name != "water":
-        distances = results.frame(row for row in chart_rows() if row.metric == "chart_distance")
+        distances = results.frame(
+            row for row in rows_of_charts() if row.metric == "chart_distance"
+        )
         with pytest.raises(NotApplicableError, match="add metrics="):
             drawn(name, distances)

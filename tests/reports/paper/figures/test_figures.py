@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from PIL import Image
 from support.made_results import drawn, row
@@ -148,23 +146,6 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
 # -- pictures ----------------------------------------------------------------------------------------------
 
 
-def kept(
-    out: Path, views: int, methods: Sequence[str], size: tuple[int, int] = (40, 30)
-) -> pd.DataFrame:
-    """A run's pictures, each of one gray that tells which it is: views 10, methods 100 + n, references 200."""
-
-    def paint(path: Path, gray: int) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        Image.new("RGB", size, (gray, gray, gray)).save(path)
-
-    for n in range(views):
-        paint(out / "views/sea" / f"v{n}.jpg", 10 + n)
-        paint(out / "references/sea" / f"v{n}.jpg", 200 + n)
-        for m, method in enumerate(methods):
-            paint(out / "restored/sea" / method / f"v{n}.png", 100 + 10 * m + n)
-    return frame(table({method: [20] * views for method in methods}))
-
-
 def grays(figure: Any) -> list[list[int | None]]:
     """The gray of every picture, by rows; None where it says that there is none."""
     rows: dict[float, list[tuple[float, int | None]]] = {}
@@ -179,8 +160,17 @@ def grays(figure: Any) -> list[list[int | None]]:
 
 
 def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
-    rows = kept(tmp_path, 2, ["b", "a"])
-    (tmp_path / "restored/sea/a/v1.png").unlink()
+    def paint(place: str, gray: int) -> None:
+        path = tmp_path / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("L", (40, 30), gray).convert("RGB").save(path)
+
+    for n in range(2):
+        paint(f"views/sea/v{n}.jpg", 10 + n)
+        paint(f"references/sea/v{n}.jpg", 200 + n)
+        paint(f"restored/sea/b/v{n}.png", 100 + n)
+    paint("restored/sea/a/v0.png", 110)
+    rows = frame(table({"b": [20, 20], "a": [20, 20]}))
     (figure,) = drawn("pictures", rows, tmp_path).values()
     assert grays(figure) == [[10, 100, 110, 200], [11, 101, None, 201]]
     heads = [panel.get_title() for panel in figure.axes[:4]]
@@ -200,22 +190,15 @@ def test_the_agreement_is_kendalls_tau_over_scenes_whatever_is_better() -> None:
     from sucre_bench.reports.paper.scores import agreements
 
     rows = [
-        Row(
-            dataset="sea",
-            scene=f"s{scene}",
-            view="a",
-            method=method,
-            metric=metric,
-            variant="x",
-            value=value + scene,
-        )
-        for metric, (values, _) in SCORES.items()
+        one
+        for metric, (scores, _) in SCORES.items()
         for scene in range(3)
-        for method, value in zip("abcd", values, strict=True)
-    ]
-    rows = [
-        replace(row, better="lower" if row.metric == "psi" else "higher", time="2026-01-01")
-        for row in rows
+        for one in table(
+            {name: [score + scene] for name, score in zip("abcd", scores, strict=True)},
+            metric=metric,
+            scene=f"s{scene}",
+            better="lower" if metric == "psi" else "higher",
+        )
     ]
     found = {each.name: each for each in agreements(compare.compare(frame(rows)), "colours")}
     assert {name.partition(":")[0]: each.tau for name, each in found.items()} == pytest.approx(

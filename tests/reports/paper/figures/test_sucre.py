@@ -1,6 +1,6 @@
 """The figures residuals, scaling and seams, against the rows and files that they are drawn from."""
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.made_observations import made, parameters
-from support.made_results import drawn
+from support.made_results import drawn, keep
 from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.record import residuals
@@ -21,31 +21,11 @@ Fitted = tuple[pd.DataFrame, dict[str, Any]]
 WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
 
 
-def row(**about: Any) -> Row:
-    return Row(
-        **{
-            "dataset": "made",
-            "scene": "s",
-            "view": "a.png",
-            "method": "m",
-            "value": 1.0,
-            **about,
-        }
-    )
+ROW = Row("made", "s", "a.png", "m", value=1.0)
 
 
-def keep(out: Path, row: Row, info: dict[str, Any], picture: np.ndarray | None = None) -> None:
-    """The files that a run keeps of a restoration."""
-    place = Place(row.dataset, Path(row.view).with_suffix(""))
-    path = place.restored(out, row.method)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.with_suffix(".json").write_text(json.dumps(info))
-    original = place.original(out)
-    original.parent.mkdir(parents=True, exist_ok=True)
-    if not original.exists():
-        original.write_bytes(b"")
-    if picture is not None:
-        cv2.imwrite(str(path), np.rint(picture[..., ::-1] * 255).astype(np.uint8))
+def eight_bits(rgb: np.ndarray) -> np.ndarray:
+    return np.rint(rgb[..., ::-1] * 255).astype(np.uint8)
 
 
 @pytest.fixture
@@ -57,8 +37,8 @@ def fitted(tmp_path: Path) -> Fitted:
     info = {"n_observations": len(observations), "residuals": left} | dict(
         zip(("B", "beta", "gamma"), WATER_ROWS.tolist(), strict=True)
     )
-    keep(tmp_path, row(), info)
-    return frame([row()]), info
+    keep(tmp_path, ROW, info)
+    return frame([ROW]), info
 
 
 def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(
@@ -108,11 +88,10 @@ def test_curves_over_distance_are_the_models(fitted: Fitted, tmp_path: Path) -> 
         )
 
 
-def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:
-    own = row(view=f"{n:.0f}.png", **about)
+def timed(out: Path, n: float, seconds: float) -> list[Row]:
+    own = replace(ROW, view=f"{n:.0f}.png", value=seconds)
     keep(out, own, {"stage_seconds": {"pair": 0.25 * seconds, "solve": 0.75 * seconds}})
-    counted = row(view=own.view, metric="observations", variant="all", **{**about, "value": n})
-    return [row(view=own.view, **{**about, "value": seconds}), counted]
+    return [own, replace(own, metric="observations", variant="all", value=n)]
 
 
 def test_a_line_of_seconds_over_observations_is_found_and_never_starts_below_zero() -> None:
@@ -160,11 +139,11 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
     seam = photograph + (np.arange(180) >= 120)[None, :, None] * 0.15
     rows = []
     for method, picture, value in (("same", photograph, 0.0), ("seam", seam, 0.03)):
-        own = row(method=method, metric="seams", variant="visible", value=value)
-        keep(tmp_path, own, {}, picture)
+        own = replace(ROW, method=method, metric="seams", variant="visible", value=value)
+        keep(tmp_path, own, {}, eight_bits(picture))
         rows.append(own)
     original = Place("made", Path("a")).original(tmp_path)
-    cv2.imwrite(str(original), np.rint(photograph[..., ::-1] * 255).astype(np.uint8))
+    cv2.imwrite(str(original), eight_bits(photograph))
     return frame(rows)
 
 
