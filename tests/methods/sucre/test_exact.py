@@ -318,11 +318,6 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
 # -- the steps ---------------------------------------------------------------------------------------------
 
 
-def curve(rate: float) -> tuple[np.ndarray, np.ndarray]:
-    t = np.linspace(0, 4, 40)
-    return t, 0.5 + 2 * np.exp(-rate * t)
-
-
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:
     system = ReducedSystem(
         np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6), np.zeros((3, 3, 3))

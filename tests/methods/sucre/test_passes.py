@@ -270,11 +270,6 @@ def test_equal_passes_give_equal_bits_in_many_blocks(backend: str) -> None:
         assert_close(first, system(observations, "numpy", MARGIN), 1e-4)
 
 
-def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
-    with np.errstate(all="ignore"):
-        return kernel.system(water)
-
-
 def test_a_block_too_large_for_the_memory_is_halved() -> None:
     observations, sizes = made(600, noise=0.01)[0], []
 

@@ -1,9 +1,10 @@
 """A board in front of ground, and pixels that other views show wrongly."""
 
 import numpy as np
+from support.forward_model import in_water
 from support.made_ground import WATERS
+from support.made_observations import parameters
 
-from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_views import corrected_edges
 
 SHAPE = (80, 120)
@@ -11,14 +12,8 @@ ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
 BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
 NEAR = 2.0
 FAR = 5.0
-WATER = WaterParameters(
-    *(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter"))
-)
-
-
-def in_water(J: np.ndarray, z: np.ndarray) -> np.ndarray:
-    z = z[..., None]
-    return J * np.exp(-WATER.beta * z) + WATER.B * (1 - np.exp(-WATER.gamma * z))
+COAST = WATERS["coast"]
+WATER = parameters(COAST)
 
 
 def scene() -> tuple[np.ndarray, np.ndarray]:
@@ -27,7 +22,7 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (
         1 + 0.05 * rng.standard_normal((*SHAPE, 1))
     )
-    I = in_water(J, np.where(BOARD, NEAR, FAR))
+    I = in_water(J, np.where(BOARD, NEAR, FAR), COAST)
     return J, I + 0.003 * rng.standard_normal(I.shape)
 
 
@@ -51,7 +46,7 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     rng = np.random.default_rng(1)
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
     distance = np.full(SHAPE, NEAR)
-    I = in_water(J, distance) + 0.003 * rng.standard_normal(J.shape)
+    I = in_water(J, distance, COAST) + 0.003 * rng.standard_normal(J.shape)
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
+from support.made_ground import SLOPE, WATERS, make_ground, with_pictures
 from support.made_observations import parameters
 from support.made_scene import WATER
 
-from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.refine_views import evened
 from sucre_bench.methods.sucre.solution import colours_for_water
@@ -78,26 +77,16 @@ def test_pixels_that_the_target_does_not_show_stay() -> None:
 
 def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
     """Gray boxes in four of the seven views of a ground, found by robust=true, which refine=true must leave out."""
-    heights = (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)
-    clean = make_ground(
-        WATERS["green"], heights_m=heights, tilt_deg=30.0, seed=3, width=80, height=60
-    )
     rng = np.random.default_rng(1)
-    views = []
-    for k, view in enumerate(clean.views):
-        rgb = view.rgb.copy()
+
+    def with_animals(k: int, rgb: np.ndarray) -> np.ndarray:
         if k % 2 == 0:
             for row, column in zip(rng.integers(0, 45, 4), rng.integers(0, 60, 4), strict=True):
                 rgb[row : row + 15, column : column + 20] = 0.8
-        views.append(
-            View(
-                view.name,
-                Arrays(rgb, view.depth, view.reference),
-                view.camera,
-                view.cam_from_world,
-            )
-        )
-    scene = Scene(clean.name, views, clean.has, clean.water)
+        return rgb
+
+    clean = make_ground(WATERS["green"], **{**SLOPE, "width": 80, "height": 60})
+    scene = with_pictures(clean, with_animals)
 
     def error(**options: bool) -> float:
         method, view = (
