@@ -136,21 +136,9 @@ def test_standard_errors_hold_where_water_differs_between_views(
     assert (independent > 3) == too_small
 
 
-def test_exact_data_leave_no_residual() -> None:
-    observations, J = made(2_000)
-    solution = solve_exact(observations, backend="numpy")
-    np.testing.assert_allclose(table(solution.water), TRUTH, rtol=1e-4)
-    np.testing.assert_allclose(solution.J, J, atol=1e-4)
-
-
-def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
+def test_the_sample_hardly_matters() -> None:
     observations, _ = made(50_000, noise=0.01)
-    one, again, other = (
-        fit(observations, seed=0),
-        fit(observations, seed=0),
-        fit(observations, seed=7),
-    )
-    assert np.array_equal(table(one.water), table(again.water))
+    one, other = (fit(observations, seed=seed) for seed in (0, 7))
     np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
 
 

@@ -146,18 +146,19 @@ def test_a_model_must_predict_better_than_the_papers_steps_these_than_their_star
     assert found.model.fit is chosen
 
 
-@pytest.mark.parametrize("views", [(2, 4), (0, 1, 2, 3)])
+@pytest.mark.parametrize(
+    ("views", "elsewhere"), [((2, 4), ()), ((0, 1, 2, 3), (1, 3)), ((2, 6, 4), (6,))]
+)
 def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_papers_steps(
-    plain: Scene, views: tuple[int, ...]
+    plain: Scene, views: tuple[int, ...], elsewhere: tuple[int, ...]
 ) -> None:
-    """Two views; or four, of which each half is of another place."""
+    """Two views, also beside one of another place; or four, of which each half is of another place."""
+    away = np.eye(4)
+    away[0, 3] = 1000.0
     chosen = [plain.views[k] for k in views]
-    if len(views) == 4:
-        away = np.eye(4)
-        away[0, 3] = 1000.0
-        chosen[1], chosen[3] = (
-            replace(v, cam_from_world=v.cam_from_world @ away) for v in (chosen[1], chosen[3])
-        )
+    for k in elsewhere:
+        lost = plain.views[k]
+        chosen[views.index(k)] = replace(lost, cam_from_world=lost.cam_from_world @ away)
     scene = replace(plain, views=chosen)
     found = verdict(scene, Sucre())
     assert (found.is_unjudged, found.model.fit, found.judged) == (True, Fit.EARLY, ())
@@ -170,15 +171,6 @@ def test_two_views_from_one_height_move_no_steps_so_they_stay_photographs() -> N
     flat = {**SLOPE, "heights_m": (2.0, 2.05), "tilt_deg": 0.0}
     found = verdict(make_ground(WATERS["green"], **flat), Sucre())
     assert (found.is_unjudged, found.model.fit) == (True, Fit.NOTHING)
-
-
-def test_a_view_of_another_place_is_in_no_half(plain: Scene) -> None:
-    away = np.eye(4)
-    away[0, 3] = 1000.0
-    lost = replace(plain.views[6], cam_from_world=plain.views[6].cam_from_world @ away)
-    assert verdict(
-        replace(plain, views=[plain.views[2], lost, plain.views[4]]), Sucre()
-    ).is_unjudged
 
 
 def test_a_dive_is_judged_once_for_the_methods_of_a_run() -> None:

@@ -58,17 +58,3 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     assert not np.isnan(left).any()
     assert np.isfinite(left[wrong & untold]).mean() > 0.9
     np.testing.assert_array_equal(found[~wrong], paired[~wrong])
-
-
-def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
-    J, I = scene()
-    distance = np.where(BOARD, NEAR, FAR)
-    hole = (ROW < 10) & (COLUMN < 10)
-    colours = np.where(hole[..., None], np.nan, J).astype(np.float32)
-    I[70, 100] = np.nan
-    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    found, left = corrected_edges(I, np.where(hole, 0, distance), colours, deviation, WATER)
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(colours))
-    known = ~hole
-    assert np.mean(found[known] == colours[known]) > 0.99
-    assert np.isfinite(left[known]).all()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.forward_model import in_water
 from support.made_ground import SLOPE, WATERS, make_ground, with_pictures
 from support.made_observations import parameters
 from support.made_scene import WATER
@@ -27,12 +28,10 @@ def two_views(gain: float) -> tuple[Observations, np.ndarray]:
         ("target.png", np.arange(len(ROW)), 4.0, 1.0),
         ("other.png", np.flatnonzero(FIELD & ~GAPS), 2.5, gain),
     ):
-        B, beta, gamma = WATER_OF_ALL.columns()
-        I = factor * (J[:, chosen] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
+        distance = np.full(len(chosen), z, np.float32)
+        I = factor * in_water(J[:, chosen].T, distance, WATER)
         I += rng.normal(0, 0.004, I.shape)
-        seen.append(
-            Seen(name, chosen, np.full(len(chosen), z, np.float32), I.T.astype(np.float32))
-        )
+        seen.append(Seen(name, chosen, distance, I.astype(np.float32)))
     observations = arrange(SHAPE, seen, with_view=True)
     return observations, J[:, observations.pixels]
 
@@ -57,16 +56,6 @@ def test_gaps_of_a_view_do_not_show(gain: float) -> None:
     assert (step[1] < 0.1 * step[0]).all()
     means = [image[inside].mean(axis=0) for image in (after, before)]
     np.testing.assert_allclose(*means, atol=2e-3)  # what all views say of a place stays
-
-
-def test_the_field_of_a_view_ends_without_a_step() -> None:
-    observations, _ = two_views(1.2)
-    before, after = colours_and_evened(observations)
-    steps = [
-        np.abs(np.diff(image.mean(axis=(0, 2)))).max()
-        for image in (before[:, 45:75], after[:, 45:75])
-    ]
-    assert steps[1] < 0.4 * steps[0]
 
 
 def test_pixels_that_the_target_does_not_show_stay() -> None:
