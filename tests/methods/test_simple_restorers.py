@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import skimage.color
 from skimage.color import lab2rgb, rgb2lab
-from support.forward_model import restored_image as restored
+from support.forward_model import alone, restored_image as restored
 from support.made_scene import make_scene
 
-from sucre_bench import Arrays, InputError, Scene, View
+from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.clahe import Clahe
 from sucre_bench.methods.gray_world import GrayWorld
@@ -29,10 +29,6 @@ TARGET = SCENE["a.png"]
 
 def photo(rgb: np.ndarray, depth: np.ndarray | None = None) -> View:
     return View("photo.png", Arrays(rgb, depth))
-
-
-def alone(view: View) -> Scene:
-    return Scene("alone", [view], frozenset())
 
 
 def test_underwater_is_the_input() -> None:
@@ -55,8 +51,7 @@ def test_gray_world_makes_the_means_over_valid_pixels_equal(depth: np.ndarray | 
 
 
 def test_gray_world_leaves_a_black_channel_black() -> None:
-    view = photo(np.random.default_rng(0).uniform(0.1, 0.5, (5, 7, 3)) * [0, 1, 0.8])
-    image = GrayWorld().restore(alone(view), view).image
+    image = restored(GrayWorld(), RNG.uniform(0.1, 0.5, (5, 7, 3)) * [0, 1, 0.8])
     assert not image[..., 0].any()
     assert np.isfinite(image).all()
     assert image[..., 1].mean() == pytest.approx(image[..., 2].mean(), rel=1e-5)

@@ -18,7 +18,6 @@ from sucre_bench.multiview.pairing import lift, match
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
-OWN = 1  # its place in the scene
 
 Seen = dict[int, list[tuple[int, float, tuple[float, ...]]]]
 
@@ -40,32 +39,25 @@ def by_pixel(observations: Observations) -> Seen:
     return dict(found)
 
 
-def test_every_pixel_with_depth_has_its_own_observation_once() -> None:
+def test_observations_are_every_pixel_itself_and_the_matches_with_the_colours_of_their_view() -> (
+    None
+):
     found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
     assert sorted(found) == np.flatnonzero(TARGET.depth).tolist()
-    rgb, distance = TARGET.rgb.reshape(-1, 3), TARGET.distance.ravel()
-    for pixel, seen in found.items():
-        own = [(z, colour) for view, z, colour in seen if view == OWN]
-        assert len(own) == 1
-        assert own[0][0] == pytest.approx(distance[pixel], rel=1e-6)
-        np.testing.assert_allclose(own[0][1], rgb[pixel], atol=1e-7)
-
-
-def test_other_observations_are_the_matches_with_the_other_views_colours() -> None:
-    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
+    itself = np.flatnonzero(TARGET.depth)
     for index, view in enumerate(SCENE.views):
-        if index == OWN:
-            continue
-        matches = match(lift(TARGET), view)
         seen = {
             p: (z, c) for p, all_seen in found.items() for v, z, c in all_seen if v == index
         }
-        assert sorted(seen) == sorted(matches.pixels)
+        if view is TARGET:
+            expected = (itself, itself, TARGET.distance.ravel()[itself])
+        else:
+            matches = match(lift(TARGET), view)
+            expected = (matches.pixels, matches.others, matches.distance)
+        assert sorted(seen) == sorted(expected[0])
         colours = view.rgb.reshape(-1, 3)
-        for pixel, other, z in zip(
-            matches.pixels, matches.others, matches.distance, strict=True
-        ):
-            assert seen[pixel][0] == z
+        for pixel, other, z in zip(*expected, strict=True):
+            assert seen[pixel][0] == pytest.approx(z, rel=1e-6)
             np.testing.assert_allclose(seen[pixel][1], colours[other], atol=1e-7)
 
 
@@ -109,23 +101,14 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
 
 
 def flat_view(
-    name: str,
-    paint: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    at: float,
-    encoding: str = "gamma",
-):
+    name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float
+) -> View:
     """A camera at (at, 0, 0) before the plane Z = 2 that is painted with a colour for X and Y in metres."""
     camera = make_camera(32, 24, 20)
     u, v = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
     K = camera.K
     rgb = paint((u - K[0, 2]) / K[0, 0] * 2 + at, (v - K[1, 2]) / K[1, 1] * 2)
-    return View(
-        name,
-        Arrays(rgb, np.full((24, 32), 2.0)),
-        camera,
-        make_pose((at, 0, 0)),
-        encoding=encoding,
-    )
+    return View(name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)))
 
 
 def ramp(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
@@ -163,13 +146,6 @@ def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits() -> None:
     assert set(map(tuple, observations.colour[:, observations.view == 1].T.tolist())) == {
         (65535, 65535, 0)
     }
-
-
-def test_views_that_are_linear_already_are_not_decoded_again() -> None:
-    half = flat_view("a", lambda X, Y: np.full((*X.shape, 3), 128 / 255), 0, encoding="linear")
-    observations = observe(half, [half], encoding="linear")
-    assert np.unique(observations.colour).tolist() == [128]
-    assert observations.colour.dtype == np.uint8
 
 
 def test_colours_that_are_not_finite_are_no_observations() -> None:
@@ -218,7 +194,7 @@ def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
         for v in SCENE
     ]
     with pytest.raises(InputError, match=r"^a\.png: damaged$"):
-        observe(views[OWN], views)
+        observe(views[1], views)
 
 
 def test_a_grey_photograph_among_those_with_colours_is_left_out_and_told() -> None:

@@ -13,7 +13,6 @@ from support.made_scene import WATER
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.methods.sucre.uncertainty import clustered, errors_said, uncertainty_of
@@ -80,17 +79,6 @@ def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_dist
             0.1 * rng.normal(size=part.stop - part.start)
         ).astype(np.float32)
     np.testing.assert_allclose(fit(observations).water.gamma, water.backscatter, rtol=0.5)
-
-
-def test_the_cost_is_never_above_that_of_adam() -> None:
-    observations, J = made(5_000, noise=0.004, eight_bit=True)
-    exact = solve_exact(observations)
-    adam = solve_adam(observations, J, SucrePaper(device="cpu"))
-    assert (exact.cost < adam.cost).all()
-    at_start = colours_for_water(
-        observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"
-    ).cost
-    assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
 
 
 def differing(jitter: float, seed: int) -> Observations:

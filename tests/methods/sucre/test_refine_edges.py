@@ -16,32 +16,6 @@ COAST = WATERS["coast"]
 WATER = parameters(COAST)
 
 
-def scene() -> tuple[np.ndarray, np.ndarray]:
-    """Colours without water, and intensities with noise, (H, W, 3)."""
-    rng = np.random.default_rng(0)
-    J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (
-        1 + 0.05 * rng.standard_normal((*SHAPE, 1))
-    )
-    I = in_water(J, np.where(BOARD, NEAR, FAR), COAST)
-    return J, I + 0.003 * rng.standard_normal(I.shape)
-
-
-def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> (
-    None
-):
-    J, I = scene()
-    snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
-    I[snow | fish] = 0.9
-    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    distance = np.where(BOARD, NEAR, FAR)
-    found, _ = corrected_edges(
-        I, distance, J.astype(np.float32), deviation, WATER, is_wrong=snow | fish
-    )
-    flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
-    assert flake.max() < 0.02
-    assert np.median(fin) > 0.5
-
-
 def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_noise() -> None:
     rng = np.random.default_rng(1)
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
