@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_scene import make_scene
+from support.made_scene import Watched, make_scene
 
-from sucre_bench import Arrays, Scene, View
+from sucre_bench import Scene, View
 from sucre_bench.multiview import observations as mapped, stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -19,21 +19,10 @@ from sucre_bench.multiview.stored_pairs import paired, sharing
 FIELDS = ("pixels", "counts", "starts", "distance", "colour", "weight", "view", "ray")
 
 
-class Counted:
-    """Pixels that count how often they are loaded."""
-
-    def __init__(self, pixels: Arrays) -> None:
-        self.pixels, self.n_loads = pixels, 0
-
-    def load(self, plane: str) -> np.ndarray | None:
-        self.n_loads += 1
-        return self.pixels.load(plane)
-
-
 def counted_scene() -> Scene:
     scene = make_scene()
     return replace(
-        scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id="0123"
+        scene, views=[replace(v, pixels=Watched(v.pixels)) for v in scene], data_id="0123"
     )
 
 
@@ -44,7 +33,7 @@ def stored(scene: Scene, target: View, folder: Path, **options: object) -> Obser
 
 
 def n_loads(scene: Scene) -> int:
-    return sum(view.pixels.n_loads for view in scene)
+    return sum(len(view.pixels.loaded) for view in scene)
 
 
 def assert_equal(one: Observations, other: Observations) -> None:

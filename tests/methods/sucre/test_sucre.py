@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_observations import parameters, table
+from support.made_observations import parameters, record_of, table
 from support.made_scene import WATER, make_camera, make_pose, make_scene, make_view
 from support.messages import names, refused
 
@@ -26,6 +26,7 @@ sucre = partial(Sucre, footprint=True, physical=False, robust=False, light="even
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
 TRUTH = table(parameters(WATER))
+RECORD = record_of(WATER)
 
 
 def rows_of(water: Water) -> np.ndarray:
@@ -73,17 +74,14 @@ def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
 
 
 def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
-    content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
-    (tmp_path / "a.json").write_text(json.dumps(content))
-    np.savez(
-        tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()}
-    )
+    (tmp_path / "a.json").write_text(json.dumps(RECORD))
+    np.savez(tmp_path / "one.npz", **RECORD)
     true = Sucre(water="truth").restore(SCENE, TARGET)
     dotted = replace(TARGET, name="left/a.0001.png")
     (tmp_path / "left").mkdir()
-    (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
+    (tmp_path / "left" / "a.0001.json").write_text(json.dumps(RECORD))
     # another image's
-    (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))
+    (tmp_path / "left" / "a.json").write_text(json.dumps(RECORD | {"B": [0, 0, 0]}))
     scene = replace(
         SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)]
     )
@@ -103,11 +101,10 @@ def test_water_comes_from_the_records_of_a_run(
 ) -> None:
     """Of all views, of a scene's, and of one view; before what an earlier version wrote beside the picture."""
     folder, scene = tmp_path / "restored" / "sea" / "other", replace(SCENE, name="reef")
-    content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
     (folder / "reef").mkdir(parents=True)
-    add_record(folder, folder / "reef" / "a.png", content)
+    add_record(folder, folder / "reef" / "a.png", RECORD)
     if is_stale:
-        (folder / "reef" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))
+        (folder / "reef" / "a.json").write_text(json.dumps(RECORD | {"B": [0, 0, 0]}))
     options = {"water": str(folder / source)}
     restored = create(find("method", "sucre"), options).restore(scene, TARGET)
     np.testing.assert_array_equal(rows_of(restored.water), TRUTH)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import lazy_torch as torch
-from support.made_observations import flat, made, parameters, table
+from support.made_observations import flat, made, parameters, record_of, table
 from support.made_scene import WATER, make_scene
 
 from sucre_bench import InputError, Scene, SolveError, restore
@@ -127,7 +127,6 @@ def test_a_restoration_says_what_was_done() -> None:
     assert (restored.info["steps"], restored.info["device"]) == (12, "cpu")
     J = restored.image[TARGET.valid]
     np.testing.assert_allclose(restored.info["negative_share"], (J < 0).mean(axis=0))
-    assert restored.water.veiling_light.shape == (3,)
 
 
 def test_no_step_of_sucre_is_an_option() -> None:
@@ -196,8 +195,7 @@ def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> Non
 def test_what_is_wrong_with_a_start_is_mended_by_options_of_sucre_paper(
     record: dict[str, object], known: str, remedy: str, tmp_path: Path
 ) -> None:
-    water = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3}
-    (tmp_path / f"{known}.json").write_text(json.dumps(water | record))
+    (tmp_path / f"{known}.json").write_text(json.dumps(record_of(WATER) | record))
     with pytest.raises(InputError, match=remedy) as refused:
         restore("sucre_paper", SCENE, TARGET.name, start=str(tmp_path), steps=1)
     assert not re.search(r"\.(encoding|light|water)\b|own|shared", str(refused.value))
