@@ -64,11 +64,11 @@ def test_bins_with_few_pixels_take_their_neighbours_values():
 
 
 def test_pixels_without_depth_have_no_colour_and_do_not_count():
-    view, _ = drawn_view(0, 1, 3)
+    view, _ = drawn_view(0, 0.1, 0.9)
     depth, rgb = view.depth.copy(), view.rgb.copy()
     depth[:30], rgb[:30] = 0, 1
     blind = View("a.png", Arrays(rgb, depth))
-    image = DiveGrayWorld(fewest=50).restore(dive(blind), blind).image
+    image = DiveGrayWorld(bin_m=1, fewest=50).restore(dive(blind), blind).image
     assert np.isnan(image[:30]).all()
     np.testing.assert_allclose(np.nanmean(image, axis=(0, 1)), 0.5, atol=0.01)
 

@@ -221,10 +221,15 @@ def test_the_result_does_not_depend_on_how_many_threads_there_are(
         assert np.array_equal(getattr(one, field), getattr(three, field))
 
 
+def sixty() -> list[View]:
+    """Views that all see the same."""
+    return [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+
+
 def test_too_little_memory_is_told_early_and_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    views = sixty()
     # bytes an observation x views x pixels: for half of them
     free = SimpleNamespace(available=18 * 30 * 2400)
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
@@ -238,7 +243,7 @@ def test_too_little_memory_is_told_early_and_in_one_line(
 
     monkeypatch.setattr(module, "usable_cores", lambda: 1)
     free.available = 1000  # not even for one view: no need to foretell anything
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    views = sixty()
     with pytest.raises(SolveError, match=r"^0\.png: its observations"):
         observe(views[0], views)
     assert sum("rgb" in view.pixels.loaded for view in views) < 5

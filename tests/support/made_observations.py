@@ -12,6 +12,14 @@ from sucre_bench.multiview.observations import Observations, Seen, arrange
 from support.forward_model import in_water
 from support.made_scene import WATER
 
+# Options of `sucre` with one model to fit: the judge, which chooses among several, has tests of its own.
+ONE_MODEL: dict[str, Any] = {
+    "light": "even",
+    "footprint": True,
+    "physical": False,
+    "robust": False,
+}
+
 
 def solve_exact(
     observations: Observations, matched: Observations | None = None, **options: Any

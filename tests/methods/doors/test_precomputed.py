@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from support.messages import names, refused
+from support.messages import refused
 from support.restoring_programs import LEVELS as LEVELS_OF_FLOATS, RGB, scene_of
 
 from sucre_bench import (
@@ -137,7 +137,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
         ("{stem", {"{{", "}}"}),
         ("{stem!r}", {"'{stem!r}'", "format", "{stem}"}),
         ("{stem:>9}", {"'{stem:>9}'", "format", "{stem}"}),
-        ("{stem!s:>9}", {"'{stem!s:>9}'", "format", "{stem}"}),
+        ("{}", {"'{}'", "placeholder"}),
         ("{stem.__class__}", {"'{stem.__class__}'", "placeholder"}),
     ],
 )
@@ -161,6 +161,11 @@ def write(path: Path, levels: np.ndarray) -> None:
         Image.fromarray(levels).save(path, lossless=True, exact=True)
     else:
         Image.fromarray(levels).save(path)
+
+
+def tell(folder: Path, about: dict[str, object]) -> None:
+    """Write beside the image of a view what is known about it."""
+    (folder / "a.json").write_text(json.dumps(about))
 
 
 @pytest.mark.parametrize("suffix", [s for s in SUFFIXES if s not in (".jpg", ".jpeg")])
@@ -251,9 +256,8 @@ def test_an_array_that_is_no_restored_image_is_named(
     tmp_path: Path, content: np.ndarray, named: set[str]
 ):
     np.save(tmp_path / "a.npy", content)
-    with pytest.raises(InputError, match=r"a\.npy: ") as fault:
+    with refused("a.npy", *named):
         restored(tmp_path)
-    assert named <= names(fault.value)
 
 
 # -- what comes with it ------------------------------------------------------------------------------------
@@ -262,19 +266,17 @@ def test_an_array_that_is_no_restored_image_is_named(
 def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS)
     assert restored(tmp_path).water is None
-    (tmp_path / "a.json").write_text(
-        json.dumps({"B": [0.1, 0.4, 0.5], "beta": [0.5, 0.1, 0.1], "by": "somebody"})
-    )
+    tell(tmp_path, {"B": [0.1, 0.4, 0.5], "beta": [0.5, 0.1, 0.1], "by": "somebody"})
     water = restored(tmp_path).water
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
     np.testing.assert_array_equal(water.attenuation, [0.5, 0.1, 0.1])
     assert np.isnan(water.backscatter).all()
-    (tmp_path / "a.json").write_text(json.dumps({"by": "somebody"}))
+    tell(tmp_path, {"by": "somebody"})
     assert restored(tmp_path).water is None
     (tmp_path / "records.jsonl").write_text(
         json.dumps({"picture": "a.png", "B": [0.2, 0.4, 0.5]}) + "\n"
     )
-    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]}))
+    tell(tmp_path, {"B": [0.1, 0.4, 0.5]})
     assert restored(tmp_path).water.veiling_light[0] == 0.2, "the record is newer"
 
 
@@ -292,9 +294,7 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
     tmp_path: Path, view: str, files: str, told: str | None, expected: str
 ):
     write(tmp_path / "a.png", LEVELS)
-    (tmp_path / "a.json").write_text(
-        json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {}))
-    )
+    tell(tmp_path, {"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {}))
     scene = scene_of("a.png", encoding=view)
     water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water
     assert water.encoding == expected
@@ -357,6 +357,6 @@ def test_resizing_makes_no_colour_up_where_there_is_none(tmp_path: Path):
 @pytest.mark.parametrize("told", ["raw", ["gamma"], 2])
 def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
     write(tmp_path / "a.png", LEVELS)
-    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "encoding": told}))
+    tell(tmp_path, {"B": [0.1, 0.4, 0.5], "encoding": told})
     with pytest.raises(InputError, match=r"a\.json: encoding .*gamma, linear or view"):
         restored(tmp_path)

@@ -14,6 +14,7 @@ from support import lazy_torch as torch
 from support.made_networks import (
     ARCHITECTURES,
     NOISE,
+    Trap,
     empty_network,
     random_state,
     restored,
@@ -58,14 +59,6 @@ def test_weights_without_counters_of_batches_or_in_half_precision_do_as_well(
     image = restored("funie_gan", NOISE, weights=saved(tmp_path / "w.pth", state), size=None)
     full = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
     np.testing.assert_allclose(image, full, atol=0.02)
-
-
-class Trap:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self.path,)
 
 
 def sprung(path: Path) -> Trap:

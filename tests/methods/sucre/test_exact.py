@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from support.made_ground import WATERS
 from support.made_observations import made, parameters, reduced_residuals, solve_exact, table
 from support.made_scene import WATER
 
@@ -20,26 +21,14 @@ from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 pytestmark = pytest.mark.short
 
-WATERS = [
-    WATER,
-    # blue ocean
-    Water(
-        np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])
-    ),
-    # turbid
-    Water(
-        np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])
-    ),
-]
-
-
+OF_GROUNDS = [WATER, WATERS["blue ocean"], WATERS["green"]]
 TRUTH = table(parameters(WATER))
 
 
 # -- the minimum -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seed", "water"), list(enumerate(WATERS)))
+@pytest.mark.parametrize(("seed", "water"), list(enumerate(OF_GROUNDS)))
 def test_made_water_is_found_within_two_per_cent(seed: int, water: Water) -> None:
     observations, _ = made(60_000, water=water, noise=0.004, eight_bit=True, seed=seed)
     found = fit(observations)
@@ -67,7 +56,7 @@ def test_no_random_start_leads_an_independent_minimiser_to_a_lower_plausible_wat
         assert found.cost[channel] <= min(costs) * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("water", WATERS)
+@pytest.mark.parametrize("water", OF_GROUNDS)
 def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(
     water: Water,
 ) -> None:

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
-from support.made_observations import record_of
+from support.made_observations import ONE_MODEL, record_of
 
 from sucre_bench import Restoration, Scene
 from sucre_bench.degrade import degraded
 from sucre_bench.methods.sucre import Sucre
 
-# One model; the judge has tests of its own.
-sucre = partial(Sucre, footprint=True, physical=False, robust=False, light="even")
+sucre = partial(Sucre, **ONE_MODEL)
 GROUND = {name: SLOPE[name] for name in ("width", "height", "heights_m")}
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import ONE_MODEL
 
 from sucre_bench import Scene, load_scene
 from sucre_bench.methods.sucre import Sucre, SucrePlus, judge
@@ -21,7 +22,7 @@ from sucre_bench.methods.sucre.solution import Judged
 from sucre_bench.plugins.call_method import shown_with
 
 # As few candidates as a question needs: each takes three fits.
-even = partial(Sucre, light="even", footprint=True, robust=False, physical=False)
+even = partial(Sucre, **ONE_MODEL)
 
 
 def verdict(scene: Scene, options: Sucre) -> Verdict:

@@ -2,13 +2,19 @@
 
 import contextlib
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground
-from support.made_observations import flat, made, parameters, reduced_residuals, table
+from support.made_observations import (
+    ONE_MODEL,
+    flat,
+    made,
+    parameters,
+    reduced_residuals,
+    table,
+)
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre import Sucre
@@ -269,9 +275,8 @@ def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
 
 def test_every_backend_restores_alike() -> None:
     scene = make_ground(WATERS["milky"], width=80, height=60)
-    sucre: Any = partial(Sucre, light="even", footprint=True, physical=False, robust=False)
     reference, *others = (
-        sucre(backend=name).restore(scene, scene["3.png"]) for name in BACKENDS
+        Sucre(backend=name, **ONE_MODEL).restore(scene, scene["3.png"]) for name in BACKENDS
     )
     for result in others:
         assert result.info["footprint"] is True

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_observations import flat, made, parameters, table
+from support.made_observations import ONE_MODEL, flat, made, parameters, table
 from support.made_scene import WATER, make_scene
 
 import sucre_bench as sb
@@ -103,9 +103,6 @@ def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
     assert left["std"][0] == 0
     assert left["kurtosis"][0] is None
     json.dumps(left, allow_nan=False)
-
-
-ONE_MODEL = {"light": "even", "footprint": True, "physical": False, "robust": False}
 
 
 @pytest.mark.parametrize(
