@@ -1,4 +1,4 @@
-"""A board in front of ground, and pixels that other views show wrongly."""
+"""Pixels that other views show wrongly, as at outlines."""
 
 import numpy as np
 from support.forward_model import in_water
@@ -9,9 +9,7 @@ from sucre_bench.methods.sucre.refine_views import corrected_edges
 
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
-BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
 NEAR = 2.0
-FAR = 5.0
 COAST = WATERS["coast"]
 WATER = parameters(COAST)
 
@@ -21,8 +19,10 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
     distance = np.full(SHAPE, NEAR)
     I = in_water(J, distance, COAST) + 0.003 * rng.standard_normal(J.shape)
+    I[70, 100] = np.nan
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
+    paired[:4], distance[:4] = np.nan, 0
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)
     untold = (ROW < 40) & (COLUMN < 60)  # a deviation may be infinite
     deviation[untold] = np.inf
