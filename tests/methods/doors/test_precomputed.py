@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from support.made_networks import Trap
 from support.messages import refused
 from support.restoring_programs import LEVELS as LEVELS_OF_FLOATS, RGB, scene_of
 
@@ -360,3 +362,14 @@ def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
     tell(tmp_path, {"B": [0.1, 0.4, 0.5], "encoding": told})
     with pytest.raises(InputError, match=r"a\.json: encoding .*gamma, linear or view"):
         restored(tmp_path)
+
+
+@pytest.mark.parametrize("save", [np.save, np.savez])
+def test_an_array_of_objects_runs_nothing(tmp_path: Path, save: Callable[..., None]):
+    save(
+        tmp_path / ("a.npy" if save is np.save else "a.npz"),
+        np.array([Trap(tmp_path / "sprung")], dtype=object),
+    )
+    with refused("read"):
+        restored(tmp_path)
+    assert not (tmp_path / "sprung").exists()
