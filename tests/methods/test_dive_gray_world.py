@@ -1,12 +1,11 @@
 """Gray world by range, against brute force over all pixels and against scenes whose colours are known."""
 
-from collections import Counter
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 import pytest
-from support.made_scene import WATER
+from support.forward_model import in_water
+from support.made_scene import WATER, Watched
 
 from sucre_bench import Arrays, NotApplicableError, Scene, SolveError, View
 from sucre_bench.methods.dive_gray_world import DiveGrayWorld, pooled
@@ -15,15 +14,12 @@ HEIGHT = 90
 WIDTH = 120
 
 
-def in_water(seed: int, nearest: float, farthest: float) -> tuple[View, np.ndarray]:
+def drawn_view(seed: int, nearest: float, farthest: float) -> tuple[View, np.ndarray]:
     """A view of colours that do not depend on distance, and those colours (H, W, 3)."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(nearest, farthest, (HEIGHT, WIDTH)).astype(np.float32)
     J = rng.normal([0.5, 0.4, 0.6], [0.1, 0.15, 0.05], (HEIGHT, WIDTH, 3))
-    veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
-    return View(
-        f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)
-    ), J
+    return View(f"{seed}.png", Arrays(in_water(J, z, WATER), z)), J
 
 
 def dive(*views: View) -> Scene:
@@ -33,7 +29,7 @@ def dive(*views: View) -> Scene:
 def test_at_every_distance_what_is_left_is_the_scenes_own_variation():
     """J exp(-beta z) + veil is affine in J at each z, so that (J - mean) / deviation comes back without the water."""
     views, truths = zip(
-        *(in_water(seed, 1 + seed / 4, 4 + seed) for seed in range(6)), strict=True
+        *(drawn_view(seed, 1 + seed / 4, 4 + seed) for seed in range(6)), strict=True
     )
     scene = dive(*views)
     for view, J in zip(views, truths, strict=True):
@@ -44,7 +40,7 @@ def test_at_every_distance_what_is_left_is_the_scenes_own_variation():
 
 def test_an_image_of_one_distance_is_corrected_by_what_others_saw_there():
     """A view of red things only stays redder than the dive: its own mean is not its gray."""
-    views = [in_water(seed, 1, 6)[0] for seed in range(4)]
+    views = [drawn_view(seed, 1, 6)[0] for seed in range(4)]
     z = np.zeros((HEIGHT, WIDTH), np.float32)
     z[:4, :25] = 2.0
     mean = pooled(dive(*views), DiveGrayWorld(), "gamma", "depth").at(np.array(2.0), 0)[0]
@@ -57,7 +53,7 @@ def test_an_image_of_one_distance_is_corrected_by_what_others_saw_there():
 
 
 def test_bins_with_few_pixels_take_their_neighbours_values():
-    view, _ = in_water(0, 1, 3)
+    view, _ = drawn_view(0, 1, 3)
     lone = view.depth.copy()
     lone[0, 0] = 40
     strange = View("strange.png", Arrays(np.where((lone == 40)[..., None], 1, view.rgb), lone))
@@ -68,39 +64,32 @@ def test_bins_with_few_pixels_take_their_neighbours_values():
 
 
 def test_pixels_without_depth_have_no_colour_and_do_not_count():
-    view, _ = in_water(0, 1, 3)
+    view, _ = drawn_view(0, 0.1, 0.9)
     depth, rgb = view.depth.copy(), view.rgb.copy()
     depth[:30], rgb[:30] = 0, 1
     blind = View("a.png", Arrays(rgb, depth))
-    image = DiveGrayWorld(fewest=50).restore(dive(blind), blind).image
+    image = DiveGrayWorld(bin_m=1, fewest=50).restore(dive(blind), blind).image
     assert np.isnan(image[:30]).all()
     np.testing.assert_allclose(np.nanmean(image, axis=(0, 1)), 0.5, atol=0.01)
 
 
-class Watched(View):
-    """A view that counts how often its pixels are asked for."""
-
-    reads: ClassVar[Counter[str]] = Counter()
-
-    @property
-    def rgb(self) -> np.ndarray:
-        self.reads[self.name] += 1
-        return super().rgb
-
-
 def test_the_dive_is_read_once_for_all_its_views():
-    views = [Watched(f"{seed}.png", in_water(seed, 1, 4)[0].pixels) for seed in range(5)]
+    drawn = [drawn_view(seed, 1, 4)[0] for seed in range(5)]
+    views = [
+        replace(view, name=f"{k}.png", pixels=Watched(view.pixels))
+        for k, view in enumerate(drawn)
+    ]
     scene = dive(*views)
     method = DiveGrayWorld()
     method.restore(scene, views[0])
-    assert all(Watched.reads[view.name] >= 1 for view in views)  # all of them count
-    others = {view.name: Watched.reads[view.name] for view in views[2:]}
+    assert all("rgb" in view.pixels.loaded for view in views)  # all of them count
+    others = [len(view.pixels.loaded) for view in views[2:]]
     method.restore(scene, views[1])
-    assert {view.name: Watched.reads[view.name] for view in views[2:]} == others
+    assert [len(view.pixels.loaded) for view in views[2:]] == others
 
 
 def test_views_without_depth_are_left_out_and_refused():
-    view, _ = in_water(0, 1, 4)
+    view, _ = drawn_view(0, 1, 4)
     flat = View("flat.png", Arrays(view.rgb))
     assert DiveGrayWorld().restore(dive(flat, view), view).info["n_views"] == 1
     blind = View("blind.png", Arrays(view.rgb, np.zeros((HEIGHT, WIDTH))))
@@ -116,7 +105,7 @@ def test_by_place_evens_the_light_of_a_lamp_over_the_dive():
     light = np.exp(-((x / WIDTH - 0.5) ** 2 + (y / HEIGHT - 0.5) ** 2) / 0.3)[..., None]
     views = []
     for seed in range(24):
-        view, _ = in_water(seed, 1, 4)
+        view, _ = drawn_view(seed, 1, 4)
         views.append(
             replace(view, pixels=Arrays((view.rgb * light).astype(np.float32), view.depth))
         )

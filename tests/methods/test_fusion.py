@@ -82,9 +82,6 @@ def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
         0.7 + 0.6 * RNG.random((32, 32, 3), dtype=np.float32)
     )
     both = Fusion2018(red=0.4, blue=0.8)
-    assert (
-        np.abs(restored(both, greenish) - restored(Fusion2018(red=0.4), greenish)).max() > 0.05
-    )
     mean = greenish.mean(axis=(0, 1), dtype=np.float64)
     red, green, blue = (greenish[..., c].astype(np.float64) for c in range(3))
     by_hand = np.stack(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from support.forward_model import alone
+from support.forward_model import alone, view_in_water
 from support.made_scene import WATER
 
 import sucre_bench as sb
@@ -20,9 +20,7 @@ def drawn_view(seed: int = 0, height: int = 160, width: int = 120) -> View:
     rng = np.random.default_rng(seed)
     z = rng.uniform(1, 9, (height, width)).astype(np.float32)
     J = rng.normal(0.5, 0.15, (height, width, 3))
-    veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
-    intensity = (J * np.exp(-WATER.attenuation * z[..., None]) + veil).clip(0, 1)
-    return View("a.png", Arrays(np.rint(intensity * 255) / 255, z, J))
+    return view_in_water(J, z, WATER)
 
 
 @pytest.mark.parametrize(

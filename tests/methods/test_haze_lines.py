@@ -11,8 +11,6 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines import (
     WATER_TYPES,
     HazeLines,
-    WaterType,
-    transmission,
 )
 from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.scene import Encoding
@@ -57,19 +55,6 @@ def test_the_colours_without_water_come_back_but_for_their_scale() -> None:
     before = np.corrcoef(image[near].ravel(), J[near].ravel())[0, 1]
     after = np.corrcoef(restored_linear[near].ravel(), J[near].ravel())[0, 1]
     assert after > 0.97 > before
-
-
-@pytest.mark.parametrize("water", WATER_TYPES[::3], ids=lambda water: water.name)
-def test_with_the_waters_type_known_the_transmission_is_the_true_one(water: WaterType) -> None:
-    image, truth, _ = made(water.name)
-    likeness = (truth == 0).astype(np.float32)
-    about = {"lines": 500, "radius": 5, "eps": 1e-3, "least": 0.1}
-    t = transmission(image.astype(np.float32), A.astype(np.float32), water, likeness, **about)
-    assert t.dtype == np.float32
-    # Some colours share a line or have no near tile, so that single pixels agree less well than the most of a row.
-    assert np.corrcoef(t[70:].ravel(), truth[70:].ravel())[0, 1] > 0.8
-    assert np.corrcoef(np.median(t, axis=1)[70:], truth[70:, 0])[0, 1] > 0.95
-    assert np.abs(t[:50] - 0.1).max() < 0.01
 
 
 @pytest.mark.parametrize("kind", UNWANTED)

@@ -1,9 +1,7 @@
 """Restoration by blurriness and light absorption, against its formulas computed by hand."""
 
-import cv2
 import numpy as np
 import pytest
-from support.forward_model import hazy
 
 from sucre_bench.methods.ibla import (
     attenuation_ratio,
@@ -11,17 +9,6 @@ from sucre_bench.methods.ibla import (
 )
 
 RNG = np.random.default_rng(0)
-WATER = np.array([0.08, 0.45, 0.6])
-
-
-def made() -> tuple[np.ndarray, np.ndarray]:
-    """Speckled ground, 1 m off at the lower border, 12 m at the upper and blurred there: image, metres."""
-    z = np.linspace(12, 1, 150)[:, None] * np.ones((1, 200))
-    speckles = RNG.random((150, 200, 1)) * [0.9, 0.8, 0.7]
-    blurred = np.stack(
-        [cv2.GaussianBlur(speckles, (0, 0), 0.3 * m)[y] for y, m in enumerate(z[:, 0])]
-    )
-    return hazy(blurred, WATER, np.exp(-z[..., None] * [0.4, 0.12, 0.1])).astype(np.float32), z
 
 
 def test_the_ratio_of_attenuation_is_that_of_the_wavelengths_and_the_veiling_light() -> None:

@@ -175,23 +175,23 @@ def test_one_pixel_with_depth_is_enough():
     assert result.valid.sum() == 1
 
 
-def test_an_attenuation_at_its_bound_is_named():
-    """Through a hand's breadth of ink, all that is seen fades by exp(-7 z)."""
-    z = np.tile(np.linspace(0.3, 0.6, 160, dtype=np.float32)[:, None], (1, 120))
-    J = np.random.default_rng(0).uniform(0.3, 0.9, (160, 120, 3))
+@pytest.mark.parametrize(
+    ("nearest", "rate", "least", "named"),
+    [
+        (0.3, 7, 0.3, r"beta\(z\), .*red, green, blue"),
+        (2, 0, 0.7, "attenuation .*red, green, blue"),
+    ],
+    ids=["a hand's breadth of ink: at its bound", "no water"],
+)
+def test_an_attenuation_that_the_image_does_not_tell_is_named(
+    nearest: float, rate: float, least: float, named: str
+):
+    z = np.tile(np.linspace(nearest, 4 * nearest, 160, dtype=np.float32)[:, None], (1, 120))
+    J = np.random.default_rng(0).uniform(least, 1, (160, 120, 3))
     J[::8, ::5] = 0
-    view = View("a.png", Arrays(J * np.exp(-7 * z[..., None]), z))
+    view = View("a.png", Arrays(J * np.exp(-rate * z[..., None]), z))
     result = sb.restore("seathru", alone(view), view, attenuation="constant")
-    assert re.search(r"beta\(z\), .*red, green, blue", result.info["undetermined"])
-
-
-def test_a_water_that_does_not_fade_is_named():
-    z = np.tile(np.linspace(2, 8, 160, dtype=np.float32)[:, None], (1, 120))
-    J = np.random.default_rng(7).uniform(0.7, 1, (160, 120, 3))
-    J[::8, ::5] = 0
-    view = View("a.png", Arrays(J, z))
-    result = sb.restore("seathru", alone(view), view, attenuation="constant")
-    assert re.search("attenuation .*red, green, blue", result.info["undetermined"])
+    assert re.search(named, result.info["undetermined"])
 
 
 @pytest.mark.parametrize(

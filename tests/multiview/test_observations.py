@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from support.made_ground import make_ground, water
 from support.made_scene import BOX, make_scene
 
@@ -13,13 +14,12 @@ from sucre_bench.multiview.footprints import matched_footprints
 from sucre_bench.multiview.observations import Observations, Seen, arrange, compact
 from sucre_bench.multiview.observe import observe
 
-SCENE = make_scene()
-TARGET = SCENE["a.png"]
+FINE = np.float32([[0.1234567, 0.5, 0.7654321]])
+SIXTEEN = np.uint16([[1, 2, 65535]])
 
 
-def two_views() -> list[Seen]:
+def two_views(fine: np.ndarray = FINE) -> list[Seen]:
     """Pixel 1 of two, seen finely by "b"; both, seen in 8 bits by "a"."""
-    fine = np.float32([[0.1234567, 0.5, 0.7654321]])
     coarse = np.uint8([[51, 102, 255], [0, 1, 2]])
     return [
         Seen("b", np.array([1]), np.float32([2]), fine),
@@ -27,30 +27,19 @@ def two_views() -> list[Seen]:
     ]
 
 
-def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
-    observations = arrange((1, 2), two_views(), with_view=True)
+@pytest.mark.parametrize(("fine", "white"), [(FINE, 1), (SIXTEEN, 65535)])
+def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones(
+    fine: np.ndarray, white: int
+) -> None:
+    observations = arrange((1, 2), two_views(fine), with_view=True)
     assert observations.views == ("b", "a")
     assert observations.pixels.tolist() == [1, 0]
     assert observations.starts.tolist() == [0, 2, 3]  # pixel 1 by "b", 0 by "a"; 1 by "a"
     assert observations.view.tolist() == [0, 1, 1]
     assert observations.distance.tolist() == [2, 1, 3]
-    assert observations.colour.dtype == np.float32
-    expected = np.float32(
-        [[0.1234567, 0.5, 0.7654321], [51 / 255, 102 / 255, 1], [0, 1 / 255, 2 / 255]]
-    )
-    np.testing.assert_allclose(observations.colour.T, expected, rtol=1e-7)
-
-
-def test_eight_and_sixteen_bits_meet_in_sixteen() -> None:
-    fine, coarse = two_views()
-    sixteen = Seen("b", fine.pixels, fine.distance, np.uint16([[1, 2, 65535]]))
-    observations = arrange((1, 2), [sixteen, coarse])
-    assert observations.colour.dtype == np.uint16
-    assert observations.colour.T.tolist() == [
-        [1, 2, 65535],
-        [51 * 257, 102 * 257, 65535],
-        [0, 257, 514],
-    ]
+    assert observations.colour.dtype == fine.dtype
+    coarse = np.array([[51, 102, 255], [0, 1, 2]]) / 255 * white
+    np.testing.assert_allclose(observations.colour.T, [*fine, *coarse], rtol=1e-7)
 
 
 def test_parts_go_as_the_store_comes_if_they_may() -> None:
@@ -71,27 +60,6 @@ def test_colours_are_compacted_only_where_that_loses_nothing() -> None:
         np.testing.assert_allclose(
             kept / (65535 if kept.dtype == np.uint16 else 1), odd, atol=1e-6
         )
-
-
-def test_some_pixels_can_be_taken_with_all_their_observations() -> None:
-    observations = observe(TARGET, SCENE.views, with_view=True, with_ray=True)
-    places = np.arange(5, len(observations.pixels), 7)
-    some = observations.take(places)
-    assert np.array_equal(some.pixels, observations.pixels[places])
-    assert len(some) == observations.counts[places].sum()
-    for k, (n, part) in enumerate(some.slots()):
-        at = observations.starts[k] + places[:n]
-        for field in ("distance", "colour", "view", "ray"):
-            assert np.array_equal(
-                getattr(some, field)[..., part], getattr(observations, field)[..., at]
-            )
-
-
-def test_colours_go_back_to_their_pixels() -> None:
-    observations = observe(TARGET, SCENE.views, with_view=True)
-    image = observations.image(TARGET.rgb.reshape(-1, 3)[observations.pixels].T)
-    assert np.array_equal(np.isnan(image).any(axis=-1), TARGET.depth == 0)
-    assert np.array_equal(image[TARGET.valid], TARGET.rgb[TARGET.valid])
 
 
 def test_many_observations_lie_where_a_plain_sort_puts_them() -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.made_scene import make_camera, make_pose, make_scene
+from support.made_scene import Watched, make_camera, make_pose, make_scene
 
 from sucre_bench import Arrays, InputError, NotApplicableError, SolveError, View
 from sucre_bench.multiview import observe as module
@@ -18,7 +18,6 @@ from sucre_bench.multiview.pairing import lift, match
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
-OWN = 1  # its place in the scene
 
 Seen = dict[int, list[tuple[int, float, tuple[float, ...]]]]
 
@@ -40,42 +39,31 @@ def by_pixel(observations: Observations) -> Seen:
     return dict(found)
 
 
-def test_every_pixel_with_depth_has_its_own_observation_once() -> None:
+def test_observations_are_every_pixel_itself_and_the_matches_with_the_colours_of_their_view() -> (
+    None
+):
     found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
     assert sorted(found) == np.flatnonzero(TARGET.depth).tolist()
-    rgb, distance = TARGET.rgb.reshape(-1, 3), TARGET.distance.ravel()
-    for pixel, seen in found.items():
-        own = [(z, colour) for view, z, colour in seen if view == OWN]
-        assert len(own) == 1
-        assert own[0][0] == pytest.approx(distance[pixel], rel=1e-6)
-        np.testing.assert_allclose(own[0][1], rgb[pixel], atol=1e-7)
-
-
-def test_other_observations_are_the_matches_with_the_other_views_colours() -> None:
-    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
+    itself = np.flatnonzero(TARGET.depth)
     for index, view in enumerate(SCENE.views):
-        if index == OWN:
-            continue
-        matches = match(lift(TARGET), view)
         seen = {
             p: (z, c) for p, all_seen in found.items() for v, z, c in all_seen if v == index
         }
-        assert sorted(seen) == sorted(matches.pixels)
+        if view is TARGET:
+            expected = (itself, itself, TARGET.distance.ravel()[itself])
+        else:
+            matches = match(lift(TARGET), view)
+            expected = (matches.pixels, matches.others, matches.distance)
+        assert sorted(seen) == sorted(expected[0])
         colours = view.rgb.reshape(-1, 3)
-        for pixel, other, z in zip(
-            matches.pixels, matches.others, matches.distance, strict=True
-        ):
-            assert seen[pixel][0] == z
+        for pixel, other, z in zip(*expected, strict=True):
+            assert seen[pixel][0] == pytest.approx(z, rel=1e-6)
             np.testing.assert_allclose(seen[pixel][1], colours[other], atol=1e-7)
 
 
-def test_slots_follow_the_order_of_views_and_eight_bit_colours_stay_so() -> None:
+def test_views_keep_their_order_and_eight_bit_colours_stay_so() -> None:
     observations = observe(TARGET, SCENE.views, with_view=True)
     assert observations.views == tuple(view.name for view in SCENE)
-    assert all(
-        views == sorted(views)
-        for views in ([s[0] for s in seen] for seen in by_pixel(observations).values())
-    )
     assert (observations.colour.dtype, observations.distance.dtype) == (np.uint8, np.float32)
     assert min(observations.read_s, observations.pair_s) > 0
 
@@ -109,23 +97,14 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
 
 
 def flat_view(
-    name: str,
-    paint: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    at: float,
-    encoding: str = "gamma",
-):
+    name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float
+) -> View:
     """A camera at (at, 0, 0) before the plane Z = 2 that is painted with a colour for X and Y in metres."""
     camera = make_camera(32, 24, 20)
     u, v = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
     K = camera.K
     rgb = paint((u - K[0, 2]) / K[0, 0] * 2 + at, (v - K[1, 2]) / K[1, 1] * 2)
-    return View(
-        name,
-        Arrays(rgb, np.full((24, 32), 2.0)),
-        camera,
-        make_pose((at, 0, 0)),
-        encoding=encoding,
-    )
+    return View(name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)))
 
 
 def ramp(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
@@ -165,13 +144,6 @@ def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits() -> None:
     }
 
 
-def test_views_that_are_linear_already_are_not_decoded_again() -> None:
-    half = flat_view("a", lambda X, Y: np.full((*X.shape, 3), 128 / 255), 0, encoding="linear")
-    observations = observe(half, [half], encoding="linear")
-    assert np.unique(observations.colour).tolist() == [128]
-    assert observations.colour.dtype == np.uint8
-
-
 def test_colours_that_are_not_finite_are_no_observations() -> None:
     def holed(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
         rgb = ramp(X, Y)
@@ -190,35 +162,19 @@ def test_colours_that_are_not_finite_are_no_observations() -> None:
         observe(blank, [blank])
 
 
-class Watched:
-    """Pixels that tell what was loaded of them."""
-
-    def __init__(self, pixels: Arrays, fault: str = "") -> None:
-        self.pixels, self.fault, self.loaded = pixels, fault, []
-
-    def load(self, plane: str) -> np.ndarray | None:
-        self.loaded.append(plane)
-        if plane == "rgb" and self.fault:
-            raise InputError(self.fault)
-        return self.pixels.load(plane)
-
-
 def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
-    views = [
-        replace(
-            v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else "")
-        )
-        for v in SCENE
-    ]
-    observations = observe(TARGET, views)
+    def damaged(name: str) -> list[View]:
+        fault = f"{name}: damaged"
+        return [
+            replace(v, pixels=Watched(v.pixels, fault if v.name == name else "")) for v in SCENE
+        ]
+
+    observations = observe(TARGET, damaged("side.png"))
     assert observations.views == ("near.png", "a.png", "far.png")
     assert observations.unreadable == ("side.png: damaged",)
-    views = [
-        replace(v, pixels=Watched(v.pixels, "a.png: damaged" if v.name == "a.png" else ""))
-        for v in SCENE
-    ]
+    views = damaged("a.png")
     with pytest.raises(InputError, match=r"^a\.png: damaged$"):
-        observe(views[OWN], views)
+        observe(views[1], views)
 
 
 def test_a_grey_photograph_among_those_with_colours_is_left_out_and_told() -> None:
@@ -265,10 +221,15 @@ def test_the_result_does_not_depend_on_how_many_threads_there_are(
         assert np.array_equal(getattr(one, field), getattr(three, field))
 
 
+def sixty() -> list[View]:
+    """Views that all see the same."""
+    return [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+
+
 def test_too_little_memory_is_told_early_and_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    views = sixty()
     # bytes an observation x views x pixels: for half of them
     free = SimpleNamespace(available=18 * 30 * 2400)
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
@@ -282,7 +243,7 @@ def test_too_little_memory_is_told_early_and_in_one_line(
 
     monkeypatch.setattr(module, "usable_cores", lambda: 1)
     free.available = 1000  # not even for one view: no need to foretell anything
-    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    views = sixty()
     with pytest.raises(SolveError, match=r"^0\.png: its observations"):
         observe(views[0], views)
     assert sum("rgb" in view.pixels.loaded for view in views) < 5

@@ -1,5 +1,6 @@
 """Observations on disk: the same as those in memory, made once, and anew when anything differs or is damaged."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -7,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_scene import make_scene
+from support.made_scene import Watched, make_scene
 
-from sucre_bench import Arrays, Scene, View
+from sucre_bench import Scene, View
 from sucre_bench.multiview import observations as mapped, stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -18,21 +19,10 @@ from sucre_bench.multiview.stored_pairs import paired, sharing
 FIELDS = ("pixels", "counts", "starts", "distance", "colour", "weight", "view", "ray")
 
 
-class Counted:
-    """Pixels that count how often they are loaded."""
-
-    def __init__(self, pixels: Arrays) -> None:
-        self.pixels, self.n_loads = pixels, 0
-
-    def load(self, plane: str) -> np.ndarray | None:
-        self.n_loads += 1
-        return self.pixels.load(plane)
-
-
 def counted_scene() -> Scene:
     scene = make_scene()
     return replace(
-        scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id="0123"
+        scene, views=[replace(v, pixels=Watched(v.pixels)) for v in scene], data_id="0123"
     )
 
 
@@ -43,7 +33,7 @@ def stored(scene: Scene, target: View, folder: Path, **options: object) -> Obser
 
 
 def n_loads(scene: Scene) -> int:
-    return sum(view.pixels.n_loads for view in scene)
+    return sum(len(view.pixels.loaded) for view in scene)
 
 
 def assert_equal(one: Observations, other: Observations) -> None:
@@ -124,13 +114,8 @@ def saved(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Pa
     return lambda entry: np.save(entry / f"{name}.npy", change(np.load(entry / f"{name}.npy")))
 
 
-def written(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
-    """Return what changes the bytes of a stored file."""
-    return lambda entry: (entry / name).write_bytes(change((entry / name).read_bytes()))
-
-
 DAMAGE: dict[str, Callable[[Path], object]] = {
-    "a truncated array": written("distance.npy", lambda content: content[:-100]),
+    "a truncated array": lambda entry: os.truncate(entry / "distance.npy", 200),
     "a missing array": lambda entry: (entry / "colour.npy").unlink(),
     "an array of another size": saved("distance", lambda _: np.zeros(3, np.float32)),
     "counts of zero": saved("counts", np.zeros_like),

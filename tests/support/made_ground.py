@@ -5,9 +5,13 @@ footprint (7 x 7 rays), and water follows SUCRe's eq. 2. So the texture has deta
 more of it than near ones, and everything is known.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
-from sucre_bench import Arrays, Camera, Scene, View, Water
+from sucre_bench import Arrays, Camera, Restoration, Scene, View, Water
 from support.made_scene import make_pose
 
 TEXEL_M = 0.03
@@ -26,6 +30,32 @@ WATERS = {
     "milky": water((0.40, 0.50, 0.48), (0.45, 0.35, 0.33), (0.50, 0.45, 0.40)),
     "red tide": water((0.35, 0.30, 0.20), (0.30, 0.35, 0.50), (0.25, 0.30, 0.45)),
 }
+
+
+# Views from near to far over a slope, which tell water and light apart.
+SLOPE: dict[str, Any] = {
+    "width": 160,
+    "height": 120,
+    "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
+    "tilt_deg": 30.0,
+    "seed": 3,
+}
+
+
+def errors_of_water(result: Restoration, truth: Water | None) -> np.ndarray:
+    """Relative errors (3, 3): rows B, beta, gamma; columns RGB."""
+    assert truth is not None
+    names = ("veiling_light", "attenuation", "backscatter")
+    return np.array([getattr(result.water, name) / getattr(truth, name) - 1 for name in names])
+
+
+def with_pictures(scene: Scene, change: Callable[[int, np.ndarray], np.ndarray]) -> Scene:
+    """The scene with the picture change(k, rgb) of each view, as 8-bit images."""
+    views = []
+    for k, view in enumerate(scene.views):
+        stored = np.rint(change(k, np.array(view.rgb)).clip(0, 1) * 255) / 255
+        views.append(replace(view, pixels=Arrays(stored, view.depth, view.reference)))
+    return replace(scene, views=views)
 
 
 def make_ground(

@@ -12,6 +12,14 @@ from sucre_bench.multiview.observations import Observations, Seen, arrange
 from support.forward_model import in_water
 from support.made_scene import WATER
 
+# Options of `sucre` with one model to fit: the judge, which chooses among several, has tests of its own.
+ONE_MODEL: dict[str, Any] = {
+    "light": "even",
+    "footprint": True,
+    "physical": False,
+    "robust": False,
+}
+
 
 def solve_exact(
     observations: Observations, matched: Observations | None = None, **options: Any
@@ -62,6 +70,11 @@ def parameters(water: Water) -> WaterParameters:
 def table(water: WaterParameters) -> np.ndarray:
     """(3, 3): rows B, beta, gamma; columns RGB."""
     return np.stack([water.B, water.beta, water.gamma])
+
+
+def record_of(water: Water) -> dict[str, Any]:
+    """What a file or a run records of a water."""
+    return dict(zip(("B", "beta", "gamma"), table(parameters(water)).tolist(), strict=True))
 
 
 def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

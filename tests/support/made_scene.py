@@ -2,16 +2,30 @@
 
 import numpy as np
 
-from sucre_bench import Arrays, Camera, Scene, View, Water
+from sucre_bench import Arrays, Camera, InputError, Scene, View, Water
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import ChartKind
-from sucre_bench.scene import Encoding
+from sucre_bench.scene import Encoding, Pixels
 from support.forward_model import CLEAR, in_water, photographed
 
 # The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
 PLANE = np.array([0.06, -0.04, 0.33])
 BOX = np.array([[-0.5, -0.4, 1.9], [0.2, 0.3, 2.3]])
 WATER = CLEAR
+
+
+class Watched:
+    """Pixels that tell which planes were loaded, one entry a load; a fault is that of the image."""
+
+    def __init__(self, pixels: Pixels, fault: str = "") -> None:
+        self.pixels, self.fault = pixels, fault
+        self.loaded: list[str] = []
+
+    def load(self, plane: str) -> Array | None:
+        self.loaded.append(plane)
+        if plane == "rgb" and self.fault:
+            raise InputError(self.fault)
+        return self.pixels.load(plane)
 
 
 def make_camera(width: int, height: int, focal: float) -> Camera:

@@ -34,12 +34,6 @@ from sucre_bench.methods.doors import Command
         ({"run": "/etc/passwd {output}"}, {"command.run", "'/etc/passwd'", "executable"}),
         ({"run": "cp 'a {output}"}, {"command.run", "quotation"}),
         ({"run": "cp {imput} {output}"}, {"command.run", "'{imput}'", "'input'"}),
-        ({"run": "cp {} {output}"}, {"command.run", "placeholder", "'{}'"}),
-        (
-            {"run": "cp {input:02d} {output}"},
-            {"command.run", "'{input:02d}'", "format", "{input}"},
-        ),
-        ({"run": "cp { {output}"}, {"command.run", "{{", "}}"}),
         ({"run": "cp {input} there"}, {"command.run", "{output}"}),
         (
             {"run": "cp {name} {output}", "per": "scene"},

@@ -42,16 +42,14 @@ def test_distance_is_from_the_cameras_centre():
 
 def test_a_view_without_depth_is_skipped_only_by_a_command_that_asks_for_it():
     assert restored("cp {input} {output}").valid.all()
-    for per in ("view", "scene"):
-        with pytest.raises(NotApplicableError, match=r"a\.png: .*depth"):
-            restored("cp {depth} {output}", per=per)
+    with pytest.raises(NotApplicableError, match=r"a\.png: .*depth"):
+        restored("cp {depth} {output}")
 
 
 def test_a_depth_that_millimetres_cannot_say_is_an_error_and_metres_are_the_remedy():
     scene = scene_of("a.png", "b.png", depth=DEPTH * 40)
-    for per in ("view", "scene"):
-        with pytest.raises(InputError, match=r"a\.png: .*80\.0 m .* command\.depth_format=npy"):
-            restored("cp {input} {depth} {output}", scene, per=per)
+    with pytest.raises(InputError, match=r"a\.png: .*80\.0 m .* command\.depth_format=npy"):
+        restored("cp {input} {depth} {output}", scene)
 
 
 def test_a_program_is_given_the_encoding_it_asks_for_and_its_answer_is_taken_back():

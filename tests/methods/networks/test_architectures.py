@@ -2,7 +2,9 @@
 
 from __future__ import annotations  # types do not import torch
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,21 +102,30 @@ def in_float64(path: Path) -> dict[str, torch.Tensor]:
     return {key: value.double() for key, value in read_state(path).items()}
 
 
-def test_funie_gan_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
-    rgb = np.pad(NOISE, ((0, 12), (0, 8), (0, 0)), mode="symmetric")
-    by_hand = picture(
-        (funie_by_hand(in_float64(files["funie_gan"]), 2 * planes(rgb) - 1) + 1) / 2
-    )[:20, :24]
-    assert by_hand.std() > 0.05  # it does not saturate
-    image = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
-    np.testing.assert_allclose(image, by_hand, atol=2e-5)
+PADDED = np.pad(NOISE, ((0, 12), (0, 8), (0, 0)), mode="symmetric")
 
 
-def test_tacl_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
-    rgb = NOISE[:16, :20]
-    by_hand = picture((tacl_by_hand(in_float64(files["tacl"]), 2 * planes(rgb) - 1) + 1) / 2)
-    assert by_hand.std() > 0.05
-    np.testing.assert_allclose(restored("tacl", rgb, weights=files["tacl"]), by_hand, atol=2e-4)
+@pytest.mark.parametrize(
+    ("method", "by_hand", "given", "options", "atol"),
+    [
+        ("funie_gan", funie_by_hand, PADDED, {"size": None}, 2e-5),
+        ("tacl", tacl_by_hand, NOISE[:16, :20], {}, 2e-4),
+    ],
+    ids=["funie_gan", "tacl"],
+)
+def test_a_generator_gives_what_its_layers_give_by_hand(
+    files: dict[str, Path],
+    method: str,
+    by_hand: Callable[..., torch.Tensor],
+    given: np.ndarray,
+    options: dict[str, Any],
+    atol: float,
+):
+    rgb = NOISE[: len(given), : given.shape[1]]
+    made = picture((by_hand(in_float64(files[method]), 2 * planes(given) - 1) + 1) / 2)
+    assert made.std() > 0.05  # it does not saturate
+    image = restored(method, rgb, weights=files[method], **options)
+    np.testing.assert_allclose(image, made[: len(rgb), : rgb.shape[1]], atol=atol)
 
 
 def test_water_net_gives_what_its_layers_give_by_hand(files: dict[str, Path]):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import lazy_torch as torch
+from support.made_networks import Trap
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.networks.export import _main, tensors
@@ -34,20 +35,6 @@ class Brighter(torch.nn.Module):
     def forward(self, x):
         return x + self.body(x)
 """
-
-
-def spring(path: Path) -> None:
-    path.touch()
-
-
-class Trap:
-    """Writes a file when it is unpickled."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return spring, (self.path,)
 
 
 @pytest.mark.parametrize("kind", ["options", "whole module", "trap"])

@@ -1,13 +1,14 @@
 """Networks as ONNX: one that is trained here restores what it never saw, and what models declare is heeded."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from onnx.helper import make_node
-from support.made_networks import onnx_file
+from support.made_networks import NOISE, onnx_file
 from support.messages import refused
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore
@@ -16,8 +17,6 @@ from sucre_bench.methods.networks.onnx import opened
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.plugins.options import source_hash
 
-RNG = np.random.default_rng(0)
-NOISE = RNG.random((20, 24, 3), dtype=np.float32)
 SAME = make_node("Identity", ["x"], ["y"])
 
 
@@ -129,59 +128,44 @@ def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_pa
 # -- files -------------------------------------------------------------------------------------------------
 
 
-def bad_model(kind: str, path: Path) -> None:
-    two, one = (
-        make_node("Add", ["x", "z"], ["y"]),
-        make_node("ReduceMean", ["x"], ["y"], axes=[1]),
-    )
-    open_shape = ("n", "c", "h", "w")
-    match kind:
-        case "no model":
-            path.write_text("hello")
-        case "two inputs":
-            onnx_file(path, [two], inputs=("x", "z"))
-        case "two outputs":
-            onnx_file(path, [SAME, make_node("Neg", ["x"], ["mask"])], outputs=("y", "mask"))
-        case "no picture":
-            onnx_file(path, [SAME], shape=("n", 3))
-        case "gray":
-            onnx_file(path, [SAME], shape=(1, 1, "h", "w"))
-        case "a batch":
-            onnx_file(path, [SAME], shape=(4, 3, "h", "w"))
-        case "open":
-            onnx_file(path, [SAME], shape=open_shape)
-        case "half open":
-            onnx_file(path, [SAME], shape=(1, 3, 256, "w"))
-        case "words":
-            onnx_file(path, [SAME], dtype="INT64", output_dtype="INT64")
-        case "gray answer":
-            onnx_file(path, [one])
-        case _:
-            shape = constants(s=np.int64([1, 3, 7, 7]))
-            onnx_file(path, [make_node("Reshape", ["x", "s"], ["y"])], shape)
+def made(*nodes: Any, **options: Any) -> Callable[[Path], object]:
+    """Return what makes a model of these nodes."""
+    return lambda path: onnx_file(path, nodes or [SAME], **options)
 
 
-@pytest.mark.parametrize(
-    ("kind", "named"),
-    {
-        "no model": {"onnxruntime"},
-        "two inputs": {"'x'", "'z'", "one"},
-        "two outputs": {"y", "mask", "onnx.output=y"},
-        "no picture": {"?x3", "one"},
-        "gray": {"1x1x?x?", "3", "channels"},
-        "a batch": {"4x3x?x?", "one"},
-        "open": {"channels", "onnx.layout=nchw"},
-        "half open": {"1x3x256x?", "open"},
-        "words": {"tensor(int64)"},
-        "gray answer": {"'y'", "(1, 1, 20, 24)"},
-        "fails": {"20x24", "onnx.size"},
-    }.items(),
-)
+BAD: dict[str, tuple[Callable[[Path], object], set[str]]] = {
+    "no model": (lambda path: path.write_text("hello"), {"onnxruntime"}),
+    "two inputs": (
+        made(make_node("Add", ["x", "z"], ["y"]), inputs=("x", "z")),
+        {"'x'", "'z'", "one"},
+    ),
+    "two outputs": (
+        made(SAME, make_node("Neg", ["x"], ["mask"]), outputs=("y", "mask")),
+        {"y", "mask", "onnx.output=y"},
+    ),
+    "no picture": (made(shape=("n", 3)), {"?x3", "one"}),
+    "gray": (made(shape=(1, 1, "h", "w")), {"1x1x?x?", "3", "channels"}),
+    "a batch": (made(shape=(4, 3, "h", "w")), {"4x3x?x?", "one"}),
+    "open": (made(shape=("n", "c", "h", "w")), {"channels", "onnx.layout=nchw"}),
+    "half open": (made(shape=(1, 3, 256, "w")), {"1x3x256x?", "open"}),
+    "words": (made(dtype="INT64", output_dtype="INT64"), {"tensor(int64)"}),
+    "gray answer": (
+        made(make_node("ReduceMean", ["x"], ["y"], axes=[1])),
+        {"'y'", "(1, 1, 20, 24)"},
+    ),
+    "fails": (
+        made(make_node("Reshape", ["x", "s"], ["y"]), constants=constants(s=[1, 3, 7, 7])),
+        {"20x24", "onnx.size"},
+    ),
+}
+
+
+@pytest.mark.parametrize(("write", "named"), BAD.values(), ids=BAD)
 def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(
-    kind: str, named: set[str], tmp_path: Path
+    write: Callable[[Path], object], named: set[str], tmp_path: Path
 ):
     path = tmp_path / "given.onnx"
-    bad_model(kind, path)
+    write(path)
     with refused(str(path), *named):
         restored(NOISE, model=path)
 

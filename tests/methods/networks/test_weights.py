@@ -1,6 +1,10 @@
 """Files of weights: as they are saved, and those that cannot be used."""
 
+from __future__ import annotations  # types do not import torch
+
+import os
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +14,7 @@ from support import lazy_torch as torch
 from support.made_networks import (
     ARCHITECTURES,
     NOISE,
+    Trap,
     empty_network,
     random_state,
     restored,
@@ -56,80 +61,70 @@ def test_weights_without_counters_of_batches_or_in_half_precision_do_as_well(
     np.testing.assert_allclose(image, full, atol=0.02)
 
 
-class Trap:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self.path,)
+def sprung(path: Path) -> Trap:
+    return Trap(path.with_name("sprung"))
 
 
-def bad_file(kind: str, path: Path) -> None:
-    state = random_state("WaterNet")
-    whole = path.with_name("whole.pth")
-    torch.save(state, whole)
-    first = "cmg.conv1.weight"
-    if kind in ("web page", "empty", "text", "cut", "pickle"):
-        trap = pickle.dumps({"state_dict": Trap(path.with_name("sprung"))})
-        content = {
-            "web page": b"\n<!DOCTYPE html><html>",
-            "empty": b"",
-            "text": b"hello\n" * 99,
-            "pickle": trap,
-        }
-        path.write_bytes(content.get(kind, whole.read_bytes()[:100_000]))
-    elif kind == "folder":
-        path.mkdir()
-    elif kind == "module":
-        torch.save(empty_network("WaterNet"), path)
-    elif kind == "trap":
-        torch.save({"state_dict": state, "further": Trap(path.with_name("sprung"))}, path)
-    elif kind == "list":
-        torch.save([1, 2], path)
-    elif kind == "no tensors":
-        torch.save({"epoch": 3}, path)
-    elif kind == "script":
-        torch.jit.trace(torch.nn.ReLU(), torch.ones(1)).save(str(path))
-    elif kind == "other network":
-        torch.save(random_state("FunieGenerator"), path)
-    elif kind == "further":
-        torch.save({**state, "cmg.conv9.bias": torch.ones(3)}, path)
-    elif kind == "shape":
-        torch.save({**state, first: torch.ones(128, 9, 7, 7)}, path)
-    else:
-        torch.save({**state, first: torch.full_like(state[first], float("nan"))}, path)
+def water_net(path: Path, **changed: torch.Tensor) -> Path:
+    return saved(path, {**random_state("WaterNet"), **changed})
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit")
-@pytest.mark.parametrize(
-    ("kind", "named"),
-    {
-        "folder": {"folder"},
-        "web page": {"web"},
-        "empty": {"empty"},
-        "text": {"PyTorch", "cut"},
-        "cut": {"PyTorch", "cut"},
-        "pickle": {"PyTorch"},
-        "module": {
+FIRST = "cmg.conv1.weight"
+NAN = float("nan")
+BAD: dict[str, tuple[Callable[[Path], object], set[str]]] = {
+    "folder": (Path.mkdir, {"folder"}),
+    "web page": (lambda path: path.write_bytes(b"\n<!DOCTYPE html><html>"), {"web"}),
+    "empty": (Path.touch, {"empty"}),
+    "text": (lambda path: path.write_bytes(b"hello\n" * 99), {"PyTorch", "cut"}),
+    "cut": (lambda path: os.truncate(water_net(path), 100_000), {"PyTorch", "cut"}),
+    "pickle": (
+        lambda path: path.write_bytes(pickle.dumps({"state_dict": sprung(path)})),
+        {"PyTorch"},
+    ),
+    "module": (
+        lambda path: torch.save(empty_network("WaterNet"), path),
+        {
             "Python",
             "sucre_bench.methods.networks.architectures.WaterNet",
             "sucre_bench.methods.networks.export",
         },
-        "trap": {"Python", "sucre_bench.methods.networks.export"},
-        "list": {"state", "list"},
-        "no tensors": {"state", "dict"},
-        "script": {"TorchScript", "method=onnx"},
-        "other network": {"WaterNet", "'cmg.conv1.weight'", "128x12x7x7"},
-        "further": {"WaterNet", "'cmg.conv9.bias'"},
-        "shape": {"'cmg.conv1.weight'", "128x9x7x7", "128x12x7x7"},
-        "not finite": {"'cmg.conv1.weight'", "finite"},
-    }.items(),
-)
+    ),
+    "trap": (
+        lambda path: water_net(path, further=sprung(path)),
+        {"Python", "sucre_bench.methods.networks.export"},
+    ),
+    "list": (lambda path: torch.save([1, 2], path), {"state", "list"}),
+    "no tensors": (lambda path: saved(path, {"epoch": 3}), {"state", "dict"}),
+    "script": (
+        lambda path: torch.jit.trace(torch.nn.ReLU(), torch.ones(1)).save(str(path)),
+        {"TorchScript", "method=onnx"},
+    ),
+    "other network": (
+        lambda path: saved(path, random_state("FunieGenerator")),
+        {"WaterNet", f"'{FIRST}'", "128x12x7x7"},
+    ),
+    "further": (
+        lambda path: water_net(path, **{"cmg.conv9.bias": torch.ones(3)}),
+        {"WaterNet", "'cmg.conv9.bias'"},
+    ),
+    "shape": (
+        lambda path: water_net(path, **{FIRST: torch.ones(128, 9, 7, 7)}),
+        {f"'{FIRST}'", "128x9x7x7", "128x12x7x7"},
+    ),
+    "not finite": (
+        lambda path: water_net(path, **{FIRST: torch.full((128, 12, 7, 7), NAN)}),
+        {f"'{FIRST}'", "finite"},
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit")
+@pytest.mark.parametrize(("write", "named"), BAD.values(), ids=BAD)
 def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(
-    kind: str, named: set[str], tmp_path: Path
+    write: Callable[[Path], object], named: set[str], tmp_path: Path
 ):
     path = tmp_path / "given.pth"
-    bad_file(kind, path)
+    write(path)
     with refused(str(path), *named):
         restored("water_net", NOISE, weights=path)
     assert not (tmp_path / "sprung").exists()

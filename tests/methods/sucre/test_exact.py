@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from support.made_ground import WATERS
 from support.made_observations import made, parameters, reduced_residuals, solve_exact, table
 from support.made_scene import WATER
 
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.methods.sucre.uncertainty import clustered, errors_said, uncertainty_of
@@ -21,26 +21,14 @@ from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 pytestmark = pytest.mark.short
 
-WATERS = [
-    WATER,
-    # blue ocean
-    Water(
-        np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])
-    ),
-    # turbid
-    Water(
-        np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])
-    ),
-]
-
-
+OF_GROUNDS = [WATER, WATERS["blue ocean"], WATERS["green"]]
 TRUTH = table(parameters(WATER))
 
 
 # -- the minimum -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seed", "water"), list(enumerate(WATERS)))
+@pytest.mark.parametrize(("seed", "water"), list(enumerate(OF_GROUNDS)))
 def test_made_water_is_found_within_two_per_cent(seed: int, water: Water) -> None:
     observations, _ = made(60_000, water=water, noise=0.004, eight_bit=True, seed=seed)
     found = fit(observations)
@@ -68,7 +56,7 @@ def test_no_random_start_leads_an_independent_minimiser_to_a_lower_plausible_wat
         assert found.cost[channel] <= min(costs) * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("water", WATERS)
+@pytest.mark.parametrize("water", OF_GROUNDS)
 def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(
     water: Water,
 ) -> None:
@@ -80,17 +68,6 @@ def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_dist
             0.1 * rng.normal(size=part.stop - part.start)
         ).astype(np.float32)
     np.testing.assert_allclose(fit(observations).water.gamma, water.backscatter, rtol=0.5)
-
-
-def test_the_cost_is_never_above_that_of_adam() -> None:
-    observations, J = made(5_000, noise=0.004, eight_bit=True)
-    exact = solve_exact(observations)
-    adam = solve_adam(observations, J, SucrePaper(device="cpu"))
-    assert (exact.cost < adam.cost).all()
-    at_start = colours_for_water(
-        observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"
-    ).cost
-    assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
 
 
 def differing(jitter: float, seed: int) -> Observations:
@@ -136,21 +113,9 @@ def test_standard_errors_hold_where_water_differs_between_views(
     assert (independent > 3) == too_small
 
 
-def test_exact_data_leave_no_residual() -> None:
-    observations, J = made(2_000)
-    solution = solve_exact(observations, backend="numpy")
-    np.testing.assert_allclose(table(solution.water), TRUTH, rtol=1e-4)
-    np.testing.assert_allclose(solution.J, J, atol=1e-4)
-
-
-def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
+def test_the_sample_hardly_matters() -> None:
     observations, _ = made(50_000, noise=0.01)
-    one, again, other = (
-        fit(observations, seed=0),
-        fit(observations, seed=0),
-        fit(observations, seed=7),
-    )
-    assert np.array_equal(table(one.water), table(again.water))
+    one, other = (fit(observations, seed=seed) for seed in (0, 7))
     np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
 
 
@@ -316,11 +281,6 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
 
 
 # -- the steps ---------------------------------------------------------------------------------------------
-
-
-def curve(rate: float) -> tuple[np.ndarray, np.ndarray]:
-    t = np.linspace(0, 4, 40)
-    return t, 0.5 + 2 * np.exp(-rate * t)
 
 
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:

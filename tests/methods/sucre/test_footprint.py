@@ -1,29 +1,21 @@
 """The water from matched footprints, on ground of white noise whose far pixels average more of it than near ones."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
+from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import ONE_MODEL, record_of
 
-from sucre_bench import Arrays, Restoration, Scene, View, Water
+from sucre_bench import Restoration, Scene
 from sucre_bench.degrade import degraded
 from sucre_bench.methods.sucre import Sucre
 
-# One model; the judge has tests of its own.
-sucre = partial(Sucre, footprint=True, physical=False, robust=False, light="even")
-GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
-
-
-def relative_error(result: Restoration, truth: Water | None) -> np.ndarray:
-    """(3, 3): of B, beta, gamma in each channel."""
-    assert truth is not None
-    names = ("veiling_light", "attenuation", "backscatter")
-    return np.array([getattr(result.water, name) / getattr(truth, name) - 1 for name in names])
+sucre = partial(Sucre, **ONE_MODEL)
+GROUND = {name: SLOPE[name] for name in ("width", "height", "heights_m")}
 
 
 @pytest.fixture(scope="module")
@@ -46,56 +38,34 @@ def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(
 ) -> None:
     scene = grounds[name]
     plain = sucre(footprint=False).restore(scene, scene["3.png"])
-    assert relative_error(plain, scene.water)[1].min() > 0.08
-    assert np.abs(relative_error(matched[name], scene.water)).max() < 0.025
+    assert errors_of_water(plain, scene.water)[1].min() > 0.08
+    assert np.abs(errors_of_water(matched[name], scene.water)).max() < 0.025
     assert matched[name].info["footprint"] is True
-
-
-def photographed(
-    scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffix: str
-) -> Scene:
-    """The scene with other pictures, named with another suffix."""
-    views = [
-        View(
-            f"{k}{suffix}",
-            Arrays(stored(view.rgb), view.depth),
-            view.camera,
-            view.cam_from_world,
-        )
-        for k, view in enumerate(scene.views)
-    ]
-    return Scene(scene.name, views, frozenset({"depth", "poses"}))
 
 
 def test_colours_that_a_jpeg_stores_at_half_size_leave_the_water_right() -> None:
     """Its detail of red is that of brightness, which water does not take away: beta was 20 % too high."""
     scene = degraded(make_ground(WATERS["green"], width=160, height=120), jpeg_quality=95)
     assert (
-        np.abs(relative_error(sucre().restore(scene, scene["3.png"]), scene.water)).max() < 0.1
+        np.abs(errors_of_water(sucre().restore(scene, scene["3.png"]), scene.water)).max() < 0.1
     )
 
 
 def test_light_that_is_cut_off_at_white_leaves_the_water_right() -> None:
     """Near pixels are cut off more often than far ones: beta was 9 % too low."""
     truth = WATERS["green"]
-    scene = photographed(
-        make_ground(truth, width=160, height=120), lambda rgb: (1.6 * rgb).clip(0, 1), ".png"
-    )
+    ground = make_ground(truth, width=160, height=120)
+    scene = with_pictures(ground, lambda _, rgb: 1.6 * rgb)
     brighter = replace(truth, veiling_light=1.6 * truth.veiling_light)
-    assert np.abs(relative_error(sucre().restore(scene, scene["3.png"]), brighter)).max() < 0.03
+    assert (
+        np.abs(errors_of_water(sucre().restore(scene, scene["3.png"]), brighter)).max() < 0.03
+    )
 
 
 def test_colours_come_from_sharp_pixels(
     grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
 ):
     scene, result = grounds["coast"], matched["coast"]
-    water = {
-        "B": result.water.veiling_light,
-        "beta": result.water.attenuation,
-        "gamma": result.water.backscatter,
-    }
-    (tmp_path / "water.json").write_text(
-        json.dumps({name: values.tolist() for name, values in water.items()})
-    )
+    (tmp_path / "water.json").write_text(json.dumps(record_of(result.water)))
     given = sucre(water=str(tmp_path / "water.json")).restore(scene, scene["3.png"])
     np.testing.assert_array_equal(result.image, given.image)

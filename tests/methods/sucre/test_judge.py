@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
+from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import ONE_MODEL
 
-from sucre_bench import Arrays, Scene, View, load_scene
+from sucre_bench import Scene, load_scene
 from sucre_bench.methods.sucre import Sucre, SucrePlus, judge
 from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import Parts
@@ -20,41 +21,23 @@ from sucre_bench.methods.sucre.observed import Dive
 from sucre_bench.methods.sucre.solution import Judged
 from sucre_bench.plugins.call_method import shown_with
 
-GROUND = {
-    "width": 160,
-    "height": 120,
-    "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
-    "tilt_deg": 30.0,
-    "seed": 3,
-}
 # As few candidates as a question needs: each takes three fits.
-even = partial(Sucre, light="even", footprint=True, robust=False, physical=False)
+even = partial(Sucre, **ONE_MODEL)
 
 
 def verdict(scene: Scene, options: Sucre) -> Verdict:
     return chosen_model(scene, judging(options))
 
 
-def with_pictures(scene: Scene, change: Any) -> Scene:
-    """The scene with the picture change(k, rgb) of each view, as 8-bit images."""
-    views = []
-    for k, view in enumerate(scene.views):
-        stored = np.rint(change(k, np.array(view.rgb)).clip(0, 1) * 255) / 255
-        views.append(replace(view, pixels=Arrays(stored, view.depth, view.reference)))
-    return replace(scene, views=views)
-
-
-def error_of_beta(scene: Scene, view: View, options: Sucre) -> float:
+def error_of_beta(scene: Scene, options: Sucre) -> float:
     """The largest of the channels, as a share."""
-    found = options.restore(scene, view).water
-    assert found is not None
-    assert scene.water is not None
-    return float(np.abs(found.attenuation / scene.water.attenuation - 1).max())
+    found = options.restore(scene, scene["3.png"])
+    return float(np.abs(errors_of_water(found, scene.water)[1]).max())
 
 
 @pytest.fixture(scope="module")
 def plain() -> Scene:
-    return make_ground(WATERS["green"], **GROUND)
+    return make_ground(WATERS["green"], **SLOPE)
 
 
 def test_footprints_in_even_light_are_kept_where_nothing_else_is_needed(plain: Scene) -> None:
@@ -62,7 +45,7 @@ def test_footprints_in_even_light_are_kept_where_nothing_else_is_needed(plain: S
     assert found.model == Model(Fit.FOOTPRINTS, is_robust=True)
     assert not found.is_unjudged
     assert found.judged[0].held_out < 0.95
-    assert error_of_beta(plain, plain["3.png"], Sucre()) < 0.03
+    assert error_of_beta(plain, Sucre()) < 0.03
 
 
 def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
@@ -73,9 +56,7 @@ def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
 
     scene = with_pictures(plain, with_fish)
     assert verdict(scene, even(robust="auto")).model.is_robust
-    without, error = (
-        error_of_beta(scene, scene["3.png"], even(robust=one)) for one in (False, "auto")
-    )
+    without, error = (error_of_beta(scene, even(robust=one)) for one in (False, "auto"))
     assert error < 0.03 < without
 
 
@@ -166,18 +147,19 @@ def test_a_model_must_predict_better_than_the_papers_steps_these_than_their_star
     assert found.model.fit is chosen
 
 
-@pytest.mark.parametrize("views", [(2, 4), (0, 1, 2, 3)])
+@pytest.mark.parametrize(
+    ("views", "elsewhere"), [((2, 4), ()), ((0, 1, 2, 3), (1, 3)), ((2, 6, 4), (6,))]
+)
 def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_papers_steps(
-    plain: Scene, views: tuple[int, ...]
+    plain: Scene, views: tuple[int, ...], elsewhere: tuple[int, ...]
 ) -> None:
-    """Two views; or four, of which each half is of another place."""
+    """Two views, also beside one of another place; or four, of which each half is of another place."""
+    away = np.eye(4)
+    away[0, 3] = 1000.0
     chosen = [plain.views[k] for k in views]
-    if len(views) == 4:
-        away = np.eye(4)
-        away[0, 3] = 1000.0
-        chosen[1], chosen[3] = (
-            replace(v, cam_from_world=v.cam_from_world @ away) for v in (chosen[1], chosen[3])
-        )
+    for k in elsewhere:
+        lost = plain.views[k]
+        chosen[views.index(k)] = replace(lost, cam_from_world=lost.cam_from_world @ away)
     scene = replace(plain, views=chosen)
     found = verdict(scene, Sucre())
     assert (found.is_unjudged, found.model.fit, found.judged) == (True, Fit.EARLY, ())
@@ -187,18 +169,9 @@ def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_paper
 
 
 def test_two_views_from_one_height_move_no_steps_so_they_stay_photographs() -> None:
-    flat = {**GROUND, "heights_m": (2.0, 2.05), "tilt_deg": 0.0}
+    flat = {**SLOPE, "heights_m": (2.0, 2.05), "tilt_deg": 0.0}
     found = verdict(make_ground(WATERS["green"], **flat), Sucre())
     assert (found.is_unjudged, found.model.fit) == (True, Fit.NOTHING)
-
-
-def test_a_view_of_another_place_is_in_no_half(plain: Scene) -> None:
-    away = np.eye(4)
-    away[0, 3] = 1000.0
-    lost = replace(plain.views[6], cam_from_world=plain.views[6].cam_from_world @ away)
-    assert verdict(
-        replace(plain, views=[plain.views[2], lost, plain.views[4]]), Sucre()
-    ).is_unjudged
 
 
 def test_a_dive_is_judged_once_for_the_methods_of_a_run() -> None:

@@ -1,15 +1,15 @@
 """Light that differs between views, on made ground whose light is known."""
 
 import json
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
+from support.made_ground import SLOPE, WATERS, errors_of_water, make_ground, with_pictures
+from support.made_observations import record_of
 
-from sucre_bench import Arrays, InputError, Restoration, Scene, Water
+from sucre_bench import InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -19,47 +19,32 @@ from sucre_bench.multiview.observe import observe
 
 # One model at a time; the judge has tests of its own.
 sucre = partial(Sucre, footprint=True, physical=False, robust=False)
+AIR = Water(np.zeros(3), np.zeros(3), np.zeros(3))
 GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
-GROUND = {
-    "width": 160,
-    "height": 120,
-    "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
-    "tilt_deg": 30.0,
-    "seed": 3,
-}
 
 
-def rates(result: Restoration, truth: Water) -> np.ndarray:
-    """Relative errors of beta and gamma, (2, 3)."""
-    assert result.water is not None
-    found = result.water
-    return (
-        np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter])
-        - 1
-    )
+def error_of_beta(result: Restoration) -> float:
+    """The largest of the channels, as a share."""
+    return float(np.abs(errors_of_water(result, WATERS["green"])[1]).max())
+
+
+def error_of_rates(result: Restoration) -> float:
+    """The larger one of attenuation and backscatter."""
+    return float(np.abs(errors_of_water(result, WATERS["green"])[1:]).max())
 
 
 def parts(result: Restoration) -> list[str]:
     return result.info["light"]["parts"] if "light" in result.info else []
 
 
-def with_light(scene: Scene, light: np.ndarray) -> Scene:
-    """The scene with all views times light (V, 1 or H, 1 or W, 3), as 8-bit images."""
-    views = []
-    for view, one in zip(scene.views, light, strict=True):
-        stored = np.rint((view.rgb * one).clip(0, 1) * 255) / 255
-        views.append(replace(view, pixels=Arrays(stored, view.depth, view.reference)))
-    return replace(scene, views=views)
-
-
 @pytest.fixture(scope="module")
 def plain() -> Scene:
-    return make_ground(WATERS["green"], **GROUND)
+    return make_ground(WATERS["green"], **SLOPE)
 
 
 @pytest.fixture(scope="module")
 def exposed() -> Scene:
-    return make_ground(WATERS["green"], gains=GAINS, **GROUND)
+    return make_ground(WATERS["green"], gains=GAINS, **SLOPE)
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +54,9 @@ def by_itself(exposed: Scene) -> Restoration:
 
 def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) -> None:
     even = sucre(light="even").restore(exposed, exposed["3.png"])
-    assert np.abs(rates(even, WATERS["green"])).max() > 0.2
+    assert error_of_rates(even) > 0.2
     assert parts(by_itself) == ["exposure", "lens"]
-    assert np.abs(rates(by_itself, WATERS["green"])).max() < 0.03
+    assert error_of_rates(by_itself) < 0.03
     assert by_itself.info["gains"]["3.png"] == 1
     for name, gain in by_itself.info["gains"].items():
         assert gain == pytest.approx(GAINS[int(name[0])] / GAINS[3], rel=0.01)
@@ -85,7 +70,7 @@ def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(
     first = GAINS[0]  # the first view's light counts as 1
     for result, name in zip(shared, ("2.png", "5.png"), strict=True):
         assert parts(result) == ["exposure", "lens"]
-        assert np.abs(rates(result, WATERS["green"])).max() < 0.03
+        assert error_of_rates(result) < 0.03
         assert np.nanmedian(result.image / plain[name].reference) == pytest.approx(
             first, rel=0.02
         )
@@ -93,22 +78,21 @@ def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(
 
 def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
     balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 1, 1, 3)))
-    scene = with_light(plain, balance / balance[3])
+    balance /= balance[3]
+    scene = with_pictures(plain, lambda k, rgb: rgb * balance[k])
     result = sucre().restore(scene, scene["3.png"])
     assert parts(result) == ["white_balance", "lens"]
     even = sucre(light="even").restore(scene, scene["3.png"])
-    error, error_in_even_light = (
-        np.abs(rates(one, WATERS["green"])[0]).max() for one in (result, even)
-    )
+    error, error_in_even_light = (error_of_beta(one) for one in (result, even))
     assert error < 0.05 < error_in_even_light
     for name, gains in result.info["gains"].items():
-        np.testing.assert_allclose(gains, (balance / balance[3])[int(name[0]), 0, 0], rtol=0.05)
+        np.testing.assert_allclose(gains, balance[int(name[0]), 0, 0], rtol=0.05)
 
 
 def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     y, x = np.mgrid[-1:1:120j, -1:1:160j]
     lens = 1 - 0.25 * (x * x + y * y)[..., None] / 2
-    scene = with_light(plain, np.repeat(lens[None], 7, axis=0))
+    scene = with_pictures(plain, lambda _, rgb: rgb * lens)
     even, result = (
         sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto")
     )
@@ -116,10 +100,8 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     assert result.info["light"]["least"] == pytest.approx(
         1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02
     )
-    assert (
-        np.abs(rates(result, WATERS["green"])[0]).max()
-        < 0.5 * np.abs(rates(even, WATERS["green"])[0]).max()
-    )
+    wrong = [error_of_beta(one) for one in (even, result)]
+    assert wrong[1] < 0.5 * wrong[0]
     truth = scene["3.png"].reference
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
@@ -135,8 +117,7 @@ def test_light_that_does_not_differ_changes_no_water(plain: Scene) -> None:
 
 
 def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
-    air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
-    scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1), width=80, height=60)
+    scene = make_ground(AIR, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1), width=80, height=60)
     even, found = (
         one.restore(scene, scene["3.png"]) for one in (sucre(light="even"), Sucre(robust=False))
     )
@@ -146,9 +127,9 @@ def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
 
 def test_photographs_that_a_lamp_explains_alone_stay_as_they_are() -> None:
     y, x = np.mgrid[-1:1:60j, -1:1:80j]
-    air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
-    scene = make_ground(air, **{**GROUND, "width": 80, "height": 60})
-    lit = with_light(scene, np.repeat((1 - 0.25 * (x * x + y * y))[None, ..., None], 7, axis=0))
+    scene = make_ground(AIR, **{**SLOPE, "width": 80, "height": 60})
+    lamp = 1 - 0.25 * (x * x + y * y)[..., None]
+    lit = with_pictures(scene, lambda _, rgb: rgb * lamp)
     found = sucre().restore(lit, lit["3.png"])
     best = found.info["judged"][0]
     assert ("lens" in best["model"], best["held_out"] < 0.9) == (True, True)
@@ -205,11 +186,9 @@ def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
 
 def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_path: Path):
     by_itself = sucre(light="exposure").restore(exposed, exposed["3.png"])
-    water = by_itself.water
-    assert water is not None
-    names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
-    record = {name: getattr(water, long).tolist() for name, long in names.items()}
-    record |= {name: by_itself.info[name] for name in ("gains", "light")}
+    record = record_of(by_itself.water) | {
+        name: by_itself.info[name] for name in ("gains", "light")
+    }
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
     for name in ("3.png", "1.png"):
@@ -228,16 +207,11 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_
         sucre(water=str(file)).restore(exposed, exposed["3.png"])
 
 
-@pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
+@pytest.mark.parametrize("gain", [True, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
 def test_gains_of_views_that_are_no_positive_numbers_are_refused(
     plain: Scene, tmp_path: Path, gain: object
 ) -> None:
-    record = {
-        "B": [0.1, 0.2, 0.3],
-        "beta": [0.3] * 3,
-        "gamma": [0.3] * 3,
-        "gains": {"3.png": gain},
-    }
+    record = record_of(WATERS["green"]) | {"gains": {"3.png": gain}}
     (tmp_path / "3.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"3\.json: gains"):
         sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])

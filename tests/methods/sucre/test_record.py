@@ -6,26 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_observations import flat, made, parameters
+from support.made_observations import ONE_MODEL, flat, made, parameters, table
 from support.made_scene import WATER, make_scene
 
 import sucre_bench as sb
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.record import residuals
+from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations
 
-TRUE_WATER = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
 NOISE = 0.01
 
 
 def best_colours(observations: Observations) -> np.ndarray:
-    """J (3, P) of least squares in the true water, float64."""
-    place, z, I = flat(observations)
-    n, found = len(observations.pixels), []
-    for c, (B, beta, gamma) in enumerate(TRUE_WATER.T):
-        a, y = transmission(z, beta), I[c] - veil(z, B, gamma)
-        found.append(np.bincount(place, a * y, n) / np.bincount(place, a * a, n))
-    return np.array(found)
+    """J (3, P) of least squares in the true water."""
+    return colours_for_water(observations, parameters(WATER), None, "numpy", "cpu").J
 
 
 def left_of(observations: Observations) -> dict[str, Any]:
@@ -102,15 +97,12 @@ def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
     colour[0] = 0
     J = best_colours(observations)
     J[0] = 0
-    water = TRUE_WATER.copy()
+    water = table(parameters(WATER))
     water[:, 0] = 0
     left = residuals(replace(observations, colour=colour), J, WaterParameters(*water))
     assert left["std"][0] == 0
     assert left["kurtosis"][0] is None
     json.dumps(left, allow_nan=False)
-
-
-ONE_MODEL = {"light": "even", "footprint": True, "physical": False, "robust": False}
 
 
 @pytest.mark.parametrize(

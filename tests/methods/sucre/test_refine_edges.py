@@ -1,59 +1,28 @@
-"""A board in front of ground, and pixels that other views show wrongly."""
+"""Pixels that other views show wrongly, as at outlines."""
 
 import numpy as np
+from support.forward_model import in_water
 from support.made_ground import WATERS
+from support.made_observations import parameters
 
-from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_views import corrected_edges
 
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
-BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
 NEAR = 2.0
-FAR = 5.0
-WATER = WaterParameters(
-    *(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter"))
-)
-
-
-def in_water(J: np.ndarray, z: np.ndarray) -> np.ndarray:
-    z = z[..., None]
-    return J * np.exp(-WATER.beta * z) + WATER.B * (1 - np.exp(-WATER.gamma * z))
-
-
-def scene() -> tuple[np.ndarray, np.ndarray]:
-    """Colours without water, and intensities with noise, (H, W, 3)."""
-    rng = np.random.default_rng(0)
-    J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (
-        1 + 0.05 * rng.standard_normal((*SHAPE, 1))
-    )
-    I = in_water(J, np.where(BOARD, NEAR, FAR))
-    return J, I + 0.003 * rng.standard_normal(I.shape)
-
-
-def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> (
-    None
-):
-    J, I = scene()
-    snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
-    I[snow | fish] = 0.9
-    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    distance = np.where(BOARD, NEAR, FAR)
-    found, _ = corrected_edges(
-        I, distance, J.astype(np.float32), deviation, WATER, is_wrong=snow | fish
-    )
-    flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
-    assert flake.max() < 0.02
-    assert np.median(fin) > 0.5
+COAST = WATERS["coast"]
+WATER = parameters(COAST)
 
 
 def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_noise() -> None:
     rng = np.random.default_rng(1)
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
     distance = np.full(SHAPE, NEAR)
-    I = in_water(J, distance) + 0.003 * rng.standard_normal(J.shape)
+    I = in_water(J, distance, COAST) + 0.003 * rng.standard_normal(J.shape)
+    I[70, 100] = np.nan
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
+    paired[:4], distance[:4] = np.nan, 0
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)
     untold = (ROW < 40) & (COLUMN < 60)  # a deviation may be infinite
     deviation[untold] = np.inf
@@ -63,17 +32,3 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     assert not np.isnan(left).any()
     assert np.isfinite(left[wrong & untold]).mean() > 0.9
     np.testing.assert_array_equal(found[~wrong], paired[~wrong])
-
-
-def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
-    J, I = scene()
-    distance = np.where(BOARD, NEAR, FAR)
-    hole = (ROW < 10) & (COLUMN < 10)
-    colours = np.where(hole[..., None], np.nan, J).astype(np.float32)
-    I[70, 100] = np.nan
-    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    found, left = corrected_edges(I, np.where(hole, 0, distance), colours, deviation, WATER)
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(colours))
-    known = ~hole
-    assert np.mean(found[known] == colours[known]) > 0.99
-    assert np.isfinite(left[known]).all()

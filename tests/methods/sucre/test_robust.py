@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from support.made_observations import flat, made, parameters, solve_exact, table
 from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
-from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+from sucre_bench.methods.sucre.robust import fit_robustly, reweighted
+from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations
 
 TRUE = parameters(WATER)
@@ -28,12 +27,9 @@ def spoilt(
     return replace(observations, colour=colour), wrong
 
 
-def psnr(
-    observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray
-) -> float:
-    with opened(observations, "numpy", "cpu") as kernel:
-        mine, _ = kernel.colours(found.water, np.full(3, NOISE), np.zeros((3, 3, 3)))
-    return float(-10 * np.log10(((mine - J)[:, pixels] ** 2).mean()))
+def psnr(observations: Observations, found: WaterFit, J: np.ndarray, at: np.ndarray) -> float:
+    mine = colours_for_water(observations, found.water, None, "numpy", "cpu").J
+    return float(-10 * np.log10(((mine - J)[:, at] ** 2).mean()))
 
 
 def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> None:
@@ -85,18 +81,4 @@ def test_earlier_weights_say_how_noisy_an_observation_is() -> None:
     expected = reweighted(observations, TRUE, np.full(3, 10 * NOISE)).weight
     np.testing.assert_allclose(
         reweighted(tenth, TRUE, np.full(3, NOISE)).weight, 0.01 * expected, rtol=1e-3, atol=1e-5
-    )
-
-
-@pytest.mark.parametrize("share", [0.0, 0.12])
-def test_noise_is_told_in_spite_of_outliers(share: float) -> None:
-    observations, _ = spoilt(made(4000, distances_m=(1, 6), noise=0.01)[0], share)
-    np.testing.assert_allclose(robust_noise(observations, TRUE), 0.01, rtol=0.2)
-
-
-def test_nothing_moves_without_noise() -> None:
-    observations, _ = made(1000)
-    assert (robust_noise(observations, TRUE) == 1e-3).all()
-    np.testing.assert_allclose(
-        reweighted(observations, TRUE, robust_noise(observations, TRUE)).weight, 1, atol=1e-3
     )

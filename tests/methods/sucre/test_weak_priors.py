@@ -17,6 +17,7 @@ SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}
 CLEAR = Water(
     np.array([0.2, 0.3, 0.35]), np.array([0.3, 0.15, 0.12]), np.array([0.25, 0.15, 0.12])
 )
+AIR = Water(np.zeros(3), np.zeros(3), np.full(3, 0.1))
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -62,8 +63,7 @@ def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_channel_without_attenuation_has_no_veil(seed: int) -> None:
     """Photographs in air whose far views are exposed a little longer, which a veil alone would explain."""
-    air = Water(np.zeros(3), np.zeros(3), np.full(3, 0.1))
-    observations, J = made(8_000, water=air, noise=0.004, seed=seed)
+    observations, J = made(8_000, water=AIR, noise=0.004, seed=seed)
     longer = 1 + 0.005 * (observations.distance - 1)
     found = fit(replace(observations, colour=observations.intensity(slice(None)) * longer))
     assert (table(found.water) == 0).all()
@@ -72,8 +72,7 @@ def test_a_channel_without_attenuation_has_no_veil(seed: int) -> None:
 
 
 def test_clear_air_has_no_backscatter() -> None:
-    air = Water(np.zeros(3), np.zeros(3), np.full(3, 0.1))
-    observations, J = made(8_000, water=air, noise=0.004, eight_bit=True)
+    observations, J = made(8_000, water=AIR, noise=0.004, eight_bit=True)
     found = fit(observations)
     assert (found.water.B == 0).all()
     assert found.water.beta.max() < 2e-3
