@@ -66,12 +66,6 @@ def test_a_view_that_fails_takes_no_part_until_it_is_mended(out: Path, tmp_path:
     assert set(rows["status"]) == {"ok"}
 
 
-def test_shards_together_score_what_the_whole_scores(out: Path, tmp_path: Path):
-    whole = scores(apart(tmp_path / "whole").rows)
-    parts = scores(apart(out, "shard.count=3", "shard.index=range(3)", multirun=True).rows)
-    assert (parts["value"] == whole["value"]).all()
-
-
 def test_what_was_computed_is_scored_where_it_is_stored(out: Path):
     words = ("metrics.apart.variants=[all]", "method.gain=0.5")
     rows = apart(out, *words).rows

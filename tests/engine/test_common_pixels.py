@@ -65,12 +65,6 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)
 
 
-def test_pictures_of_16_bits_are_compared_as_such(tmp_path: Path, toys: str):
-    sweep(tmp_path, "gain,left_half", "bits=16")
-    common = scores(tmp_path, "common")
-    np.testing.assert_allclose(common["gain"], psnr(slice(0, 30), bits=16), rtol=1e-6)
-
-
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
     sweep(tmp_path, "gain,gain2")
     assert not len(read_common(tmp_path))
@@ -114,12 +108,6 @@ def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(
 def test_a_restoration_made_anew_is_scored_anew(both: Path):
     run(both, "method=left_half", "method.stop=.25", "overwrite=always")
     np.testing.assert_allclose(scores(both, "common")["gain"], psnr(slice(0, 15)), rtol=1e-6)
-
-
-def test_shards_give_the_same(tmp_path: Path, both: Path):
-    for index in (1, 0):
-        sweep(tmp_path / "shards", "gain,left_half", "shard.count=2", f"shard.index={index}")
-    pd.testing.assert_frame_equal(scores(both, "common"), scores(tmp_path / "shards", "common"))
 
 
 def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pixels(

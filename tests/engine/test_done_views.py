@@ -10,6 +10,7 @@ from support.command_line import Started, but_times, run as run_toys, run_here
 from sucre_bench import results
 from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.engine.run import Outcome
+from sucre_bench.results.table import read_common
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(
@@ -51,10 +52,14 @@ def toy(out: Path, *overrides: str) -> Outcome:
 
 
 def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
-    whole = toy(tmp_path / "whole")
-    parts = toy(tmp_path / "parts", "shard.count=3", "shard.index=range(3)")
-    assert (parts.ok, parts.exit_code) == (7, 0)
-    pd.testing.assert_frame_equal(but_times(parts.rows), but_times(whole.rows))
+    """Also in scores of pairs of views, and on the pixels that all methods fill."""
+    words = ("method=gain,left_half", "metrics=[psnr,apart]")
+    toy(tmp_path / "whole", *words)
+    parts = toy(tmp_path / "parts", *words, "shard.count=3", "shard.index=range(3)")
+    assert (parts.ok, parts.exit_code) == (14, 0)
+    for read in (results.read, read_common):
+        found, expected = (but_times(read(tmp_path / name)) for name in ("parts", "whole"))
+        pd.testing.assert_frame_equal(found, expected)
 
 
 def test_a_shard_has_neighbours(tmp_path: Path, toys: str):

@@ -81,23 +81,6 @@ def test_what_changed_is_computed_again_and_nothing_else(
     assert len(calls(log)) == before + again
 
 
-@pytest.mark.filterwarnings("ignore")  # what optuna imports warns
-@pytest.mark.parametrize(
-    ("words", "best"), [((), "max"), (("hydra.sweeper.direction=minimize",), "min")]
-)
-def test_optuna_looks_for_the_better_score_unless_told(
-    out: Path, tmp_path: Path, words: tuple[str, ...], best: str
-):
-    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    search = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", f"hydra.sweep.dir={tmp_path}")
-    gains = ("objective=psnr", "method.gain=interval(0.5,2)")
-    run(out, *search, *gains, *words, multirun=True)
-    rows = pd.read_parquet(out / "scores.parquet")
-    of_trials = rows[rows["metric"] == "psnr"].groupby("method")["value"].mean()
-    found = yaml.safe_load((tmp_path / "optimization_results.yaml").read_text())
-    assert found["best_value"] == pytest.approx(of_trials.agg(best))
-
-
 def test_results_of_other_data_are_not_replaced_unless_asked_for(out: Path):
     run(out)
     with pytest.raises(
@@ -321,25 +304,26 @@ def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path)
 
 
 @pytest.mark.filterwarnings("ignore")  # of optuna
-@pytest.mark.parametrize(("objective", "best"), [("psnr", "max"), ("psi:colour", "min")])
-def test_optuna_looks_for_the_better_values_also_of_charts(
-    out: Path, objective: str, best: str
+@pytest.mark.parametrize(
+    ("objective", "words", "best"),
+    [
+        ("psnr", (), "max"),
+        ("psnr", ("hydra.sweeper.direction=minimize",), "min"),
+        ("psi:colour", (), "min"),
+    ],
+)
+def test_optuna_looks_for_the_better_values_unless_told(
+    out: Path, tmp_path: Path, objective: str, words: tuple[str, ...], best: str
 ):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    sweep = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", "metrics=[psnr,psi]")
+    sweep = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=3", f"hydra.sweep.dir={tmp_path}")
     demo = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
-    outcome = run(
-        out,
-        *sweep,
-        *demo,
-        "method.gain=interval(0.2,2)",
-        f"objective={objective}",
-        multirun=True,
-    )
-    rows = outcome.rows[outcome.rows["metric"] == objective.partition(":")[0]]
+    scored = ("metrics=[psnr,psi]", f"objective={objective}", "method.gain=interval(0.2,2)")
+    rows = run(out, *sweep, *demo, *scored, *words, multirun=True).rows
+    rows = rows[rows["metric"] == objective.partition(":")[0]]
     whole = rows[~rows["region"].str.contains("/", regex=False)]
     each = whole.groupby("method")["value"].mean()
-    found = yaml.safe_load((out / "optimization_results.yaml").read_text())
+    found = yaml.safe_load((tmp_path / "optimization_results.yaml").read_text())
     assert len(each) == 3
     assert found["best_value"] == pytest.approx(each.agg(best))
 
@@ -384,33 +368,18 @@ def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
     assert "failed" not in capsys.readouterr().err
 
 
-STAYING = [
-    "run",
-    "dataset=toy",
-    "dataset.views=5",
-    "dataset.label=toy",
-    "method=gain",
-    "metrics=[psnr]",
-]
-STAYING += ["tracking.uri=off", "method.label=staying"]
-
-
-def wait_until_it_stays_at(view: str, log: Path) -> None:
-    deadline = time.monotonic() + 300
-    while view not in calls(log):
-        assert time.monotonic() < deadline, "the run did not get going"
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
     out: Path, toys: str, tmp_path: Path, how: signal.Signals
 ):
     log = tmp_path / "log"
-    words = [word for word in STAYING if word != "tracking.uri=off"]
-    more = (f"out={out}", f"method.log={log}", "method.stays_at=v2.png", "--plugin", toys)
-    stopped = Started(out.parent, *words, *more)
-    wait_until_it_stays_at("v2.png", log)
+    words = ("dataset=toy", "dataset.views=5", "method=gain", "metrics=[psnr]", f"out={out}")
+    staying = (f"method.log={log}", "method.stays_at=v2.png", "--plugin", toys)
+    stopped = Started(tmp_path, "run", *words, *staying)
+    deadline = time.monotonic() + 300
+    while "v2.png" not in calls(log):
+        assert time.monotonic() < deadline, "the run did not get going"
+        time.sleep(0.02)
     stopped.send(how)
     done = stopped.ended()
     assert done.returncode == 130
