@@ -65,6 +65,12 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)
 
 
+def test_pictures_of_16_bits_are_compared_as_such(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half", "bits=16")
+    common = scores(tmp_path, "common")
+    np.testing.assert_allclose(common["gain"], psnr(slice(0, 30), bits=16), rtol=1e-6)
+
+
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
     sweep(tmp_path, "gain,gain2")
     assert not len(read_common(tmp_path))
