@@ -8,6 +8,7 @@ import shutil
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,12 +18,13 @@ from support.command_line import Started, calls, run
 from support.messages import names
 
 import sucre_bench as sb
-from sucre_bench import plugins
+from sucre_bench import plugins, results
 from sucre_bench.engine import job as job_, preflight
 from sucre_bench.engine.hydra_run import run_words as run_jobs
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable
+from sucre_bench.results.layout import Place
 
 pytestmark = pytest.mark.short
 
@@ -348,24 +350,33 @@ def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path)
     assert levels == [pytest.approx(51, abs=1), pytest.approx(204, abs=1)]
 
 
-def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written_and_keeps_the_rest(
     out: Path,
+    workers: int,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    log = tmp_path / "log"
+    words = (f"method.log={tmp_path / 'log'}", "method.gain=1,2,3", f"workers={workers}")
+    write = job_.write_pictures
 
-    def full(folder: Path, place: object, method: str, *_: object) -> None:
-        with log.open("a") as file:
-            file.write(f"{method}\n")
-        raise not_writable(folder / "a.png", OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    def full_at_v1(folder: Path, place: Place, *more: Any) -> None:
+        if place.stem.name == "v1":
+            fault = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise not_writable(folder / "a.png", fault)
+        write(folder, place, *more)
 
-    monkeypatch.setattr(job_, "write_pictures", full)
-    with pytest.raises(DiskFullError, match=r"a\.png: "):
-        run(out, "method.gain=1,2,3", multirun=True)
-    assert len(calls(log)) == 1
+    with monkeypatch.context() as small:
+        small.setattr(job_, "write_pictures", full_at_v1)
+        with pytest.raises(DiskFullError, match=r"a\.png: .*disk.*; "):
+            run(out, *words, multirun=True)
+    assert calls(tmp_path / "log") == ["v0.png", "v1.png"]
     assert "failed" not in capsys.readouterr().err
+    kept = results.read(out)
+    assert (set(kept["view"]), set(kept["status"])) == ({"v0.png"}, {"ok"})
+    again = run(out, *words, multirun=True)
+    assert (again.ok, again.cached) == (9, 1)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
