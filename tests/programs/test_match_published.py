@@ -79,6 +79,8 @@ def test_the_variant_behind_rounded_numbers_is_named(
     assert found[0]["variant"] == variant
     assert [record["fits"] for record in found] == [True] + [False] * (len(found) - 1)
     assert found[0]["largest"] <= 0.0005
+    others = [record["mean"] for record in found[1:]]
+    assert others == sorted(others), "the nearest first"
 
 
 def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> None:

@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 from support.colmap_folder import write_image, write_model
 from support.made_scene import TILTED, make_camera, make_pose, painted
-from support.messages import names
+from support.messages import refused
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
@@ -312,6 +312,13 @@ def test_a_wrong_chart_is_refused_and_nothing_is_written(
 # -- the command -------------------------------------------------------------------------------------------------
 
 
+def marked(*words: str) -> str:
+    """What the command says; its errors are raised."""
+    result = CliRunner().invoke(charts, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.output
+
+
 def two_views() -> list[View]:
     """The chart is marked in the first."""
     return [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
@@ -337,11 +344,8 @@ def write_scene(root: Path) -> None:
 
 def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    result = CliRunner().invoke(
-        charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False
-    )
-    assert result.exit_code == 0
-    assert "1 proposal accepted, 0 left" in result.output
+    said = marked(str(tmp_path / "images" / "b.png"), "--accept")
+    assert "1 proposal accepted, 0 left" in said
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     (chart,) = view.charts
     np.testing.assert_allclose(
@@ -351,15 +355,9 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
 
 def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", np.rint(255 * colorchecker()).astype(np.uint8))
-    words = [
-        "dataset=photos",
-        f"dataset.root={tmp_path}",
-        "--kind",
-        "colorchecker24",
-        "--accept",
-    ]
-    result = CliRunner().invoke(charts, words, catch_exceptions=False)
-    assert "1 proposal accepted, 0 left" in result.output
+    words = ("--kind", "colorchecker24", "--accept")
+    said = marked("dataset=photos", f"dataset.root={tmp_path}", *words)
+    assert "1 proposal accepted, 0 left" in said
     (view,) = next(sb.load_scenes("photos", root=tmp_path))
     np.testing.assert_allclose(view.charts[0].corners, LYING, atol=7)
 
@@ -375,29 +373,24 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_marked_is_said(words: list[str], named: str) -> None:
-    result = CliRunner().invoke(charts, words)
-    assert isinstance(result.exception, InputError)
-    assert named in names(result.exception)
+    with refused(named):
+        marked(*words)
 
 
 def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: Path) -> None:
     """Of SQUID it lies in the folder of an image set, and its root is that of many."""
     for folder in ("set", "D5/Raw"):
         write_image(tmp_path / folder / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
-    result = CliRunner().invoke(
-        charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"]
-    )
-    assert isinstance(result.exception, InputError)
-    assert re.search(r"'seathru' .*charts\.json", str(result.exception))
+    with pytest.raises(InputError, match=r"'seathru' .*charts\.json"):
+        marked("dataset=seathru", f"dataset.root={tmp_path}", "--accept")
     assert not list(tmp_path.rglob("charts.json"))
 
 
 def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    words = ["dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept"]
-    result = CliRunner().invoke(charts, words)
-    assert isinstance(result.exception, InputError)
-    assert {"dataset.undistort=true", "corners"} <= names(result.exception)
+    words = ("dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept")
+    with refused("dataset.undistort=true", "corners"):
+        marked(*words)
 
 
 def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
