@@ -96,12 +96,9 @@ def test_results_of_other_data_are_not_replaced_unless_asked_for(out: Path):
 @pytest.mark.parametrize("folder", [False, True])
 def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
     table = tmp_path / "table"
-    if folder:
-        table.mkdir()
-    file, options = (
-        table / "gain" if folder else table,
-        ("method=tabulated", f"method.table={table}"),
-    )
+    file = table / "gain" if folder else table
+    file.parent.mkdir(exist_ok=True)
+    options = ("method=tabulated", f"method.table={table}")
     file.write_text("1.5")
     assert run(out, *options).cached == 0
     first = run(out, *options)
@@ -117,14 +114,8 @@ def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, fold
 
 
 def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
-    size = ("dataset.width=64", "dataset.height=48", "dataset.views=3")
-    words = (
-        "dataset=demo",
-        *size,
-        "first=1",
-        "metrics=[coverage]",
-        "method=sucre,sucre_plus",
-    )
+    size = ("dataset.width=64", "dataset.height=48", "dataset.views=3", "first=1")
+    words = ("dataset=demo", *size, "metrics=[coverage]", "method=sucre,sucre_plus")
     other = out.with_name("other") / "restored/demo/sucre"
     with pytest.raises(
         SucreBenchError, match=rf"^{re.escape(str(other))}: .*sucre_plus\.water"
@@ -148,17 +139,13 @@ def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(
         told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
     )
     assert content["picture"] == "v0.png"
-    assert (content["B"], content["beta"], content["deviation"]) == (
-        [0.2] * 3,
-        [None] * 3,
-        [1.0, None],
-    )
-    assert content["true_water"] == {
-        "B": [0.1] * 3,
-        "beta": [0.2] * 3,
-        "gamma": [0.3] * 3,
-        "encoding": "gamma",
-    }
+    assert {
+        "B": [0.2] * 3,
+        "beta": [None] * 3,
+        "deviation": [1.0, None],
+    }.items() <= content.items()
+    true = {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3, "encoding": "gamma"}
+    assert content["true_water"] == true
 
 
 def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_back(toys: str):
