@@ -13,9 +13,6 @@ from support.command_line import Done
 from support.messages import names
 from support.places import published
 
-import sucre_bench as sb
-from sucre_bench.scene import Arrays, Restoration, View
-
 Bench = Callable[..., Done]
 
 
@@ -35,16 +32,15 @@ def folder(tmp_path: Path) -> Path:
 FEW = ("--metrics", "uciqe:hue,uciqe:matlab")  # every form takes a second
 
 
-def scores(folder: Path, metric: str) -> dict[str, float]:
+@pytest.fixture
+def scores(bench: Bench, folder: Path) -> Callable[[str], dict[str, float]]:
     """The value of "name:variant" for each picture."""
-    values = {}
-    for path in sorted(folder.rglob("*.png")):
-        image = cv2.imread(str(path))[..., ::-1].astype(np.float32) / 255
-        rows = sb.score(Restoration(image), View("a.png", Arrays(image)), [metric])
-        values[str(path.relative_to(folder))] = rows[rows["metric"] == metric.split(":")[0]][
-            "value"
-        ].item()
-    return values
+
+    def of(metric: str) -> dict[str, float]:
+        rows = json.loads(bench("score", str(folder), "--metrics", metric, "--json").stdout)
+        return {row["view"]: row["value"] for row in rows}
+
+    return of
 
 
 @pytest.fixture
@@ -72,9 +68,9 @@ def matches(done: Done) -> dict[str, list[dict[str, object]]]:
 
 @pytest.mark.parametrize("variant", ["getuiqm1", "block8@256-bilinear"])
 def test_the_variant_behind_rounded_numbers_is_named(
-    like: Bench, folder: Path, variant: str
+    like: Bench, scores: Callable[[str], dict[str, float]], variant: str
 ) -> None:
-    rows = [(name, f"{value:.3f}") for name, value in scores(folder, f"uiqm:{variant}").items()]
+    rows = [(name, f"{value:.3f}") for name, value in scores(f"uiqm:{variant}").items()]
     found = matches(like("Image,UIQM ↑", rows))["UIQM ↑"]
     assert found[0]["variant"] == variant
     assert [record["fits"] for record in found] == [True] + [False] * (len(found) - 1)
@@ -83,8 +79,10 @@ def test_the_variant_behind_rounded_numbers_is_named(
     assert others == sorted(others), "the nearest first"
 
 
-def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> None:
-    values = scores(folder, "uciqe:hue")
+def test_a_row_a_method_is_the_mean_of_its_folder(
+    like: Bench, scores: Callable[[str], dict[str, float]]
+) -> None:
+    values = scores("uciqe:hue")
     ours, theirs = (
         np.mean([v for name, v in values.items() if name.startswith(m)])
         for m in ("ours", "theirs")
@@ -159,8 +157,10 @@ def test_bytes_that_wrap_around_are_a_form(ask: Bench, pairs: tuple[str, str]) -
 # -- bad input ---------------------------------------------------------------------------------------------------
 
 
-def test_fewer_rows_and_rows_of_other_images_are_warnings(like: Bench, folder: Path) -> None:
-    values = scores(folder, "uciqe:hue")
+def test_fewer_rows_and_rows_of_other_images_are_warnings(
+    like: Bench, scores: Callable[[str], dict[str, float]]
+) -> None:
+    values = scores("uciqe:hue")
     rows = [(name, values[name], 0.5) for name in ("ours/0.png", "theirs/1.png")]
     done = like(
         "image,uciqe,LPIPS", [*rows, ("ours/9.png", 1, 0.5), ("ours/1", "-", 0.5)], *FEW
