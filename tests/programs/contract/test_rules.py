@@ -357,12 +357,8 @@ def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, body, needs="()")
     done = run(str(path), "method.gain=0.5", "--quick", "--json")
     (told,) = json.loads(done.stdout)
-    assert (told["kind"], told["name"], told["ok"], done.exit_code) == (
-        "method",
-        "tried",
-        True,
-        0,
-    )
+    assert (told["kind"], told["name"]) == ("method", "tried")
+    assert (told["ok"], done.exit_code) == (True, 0)
     assert {rule["status"] for rule in told["rules"]} == {"kept"}
     assert run(str(path), "--quick").exit_code == 1
 
