@@ -222,7 +222,10 @@ def test_out_of_other_photographs_is_refused_and_other_options_write_again(
     ("word", "named"),
     [
         *((word, word) for word in ("out=here", "first=1", "workers=-1", "workers=abc")),
-        *((word, word) for word in ("shard.count=-2", "shard.count=1,2", "shard.count=x")),
+        *(
+            (word, word)
+            for word in ("shard.count=0", "shard.count=-2", "shard.count=1,2", "shard.count=x")
+        ),
         ("sucre.fill=true", "sucre.fill"),
         ("method.fil=true", "method.fil"),
         ("gray_world.fil=true", "gray_world.fil"),
