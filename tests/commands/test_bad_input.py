@@ -24,16 +24,9 @@ def dive(tmp_path: Path) -> Path:
 
 
 def run(bench, dive: Path, *overrides: str):
-    base = [
-        "run",
-        "-m",
-        "dataset=colmap",
-        f"dataset.root={dive}",
-        "method=gray_world",
-        "metrics=[uciqe]",
-        "tracking.uri=off",
-    ]
-    return bench(*base, "out=results", "workers=0", "report=false", *overrides)
+    words = ["dataset=colmap", f"dataset.root={dive}", "method=gray_world", "metrics=[uciqe]"]
+    quiet = ["tracking.uri=off", "report=false", "workers=0", "out=results"]
+    return bench("run", "-m", *words, *quiet, *overrides)
 
 
 def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_path: Path):

@@ -38,14 +38,11 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench comp", ["compare", "completion"]),
         ("sucre-bench run --mult", ["--multirun"]),
         ("sucre-bench run meth", ["method=", "method."]),
-        ("sucre-bench run method=gray_w", ["method=gray_world"]),
         ("sucre-bench run -m method=gray_world,gray_", []),  # no name twice
         ("sucre-bench run -m method=clahe,gray_w", ["method=clahe,gray_world"]),
         ("sucre-bench run experiment=table", ["experiment=table1"]),
         ("sucre-bench run dataset=colm", ["dataset=colmap"]),
         ("sucre-bench run metrics=psn", ["metrics=psnr"]),
-        ("sucre-bench run 'metrics=[psn", ["metrics=[psnr"]),
-        ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr"]),
         (
             "sucre-bench run method.phys",
             ["method.physical="],
@@ -69,7 +66,6 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench describe colm", ["colmap"]),
         ("sucre-bench describe colmap dataset.roo", ["dataset.root="]),
         ("sucre-bench score x --metrics psi,psn", ["psi,psnr"]),
-        ("sucre-bench score x --metrics ssim:al", ["ssim:all"]),
         ("sucre-bench compare x --format l", ["latex"]),
         ("sucre-bench completion ", ["bash", "zsh", "fish"]),
     ],

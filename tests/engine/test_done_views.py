@@ -5,41 +5,26 @@ from pathlib import Path
 
 import pandas as pd
 from support.colmap_folder import write_dive
-from support.command_line import Started, but_times, run as run_toys, run_here
+from support.command_line import Started, but_times, run as run_toys, succeeded
 
 from sucre_bench import results
 from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.engine.run import Outcome
+from sucre_bench.results.table import read_common
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(
     tmp_path: Path, small_demo: list[str]
 ):
     """Those that the contract's test does not run in another process, and one that works on threads."""
-    command = [
-        "run",
-        "-m",
-        *small_demo,
-        "first=1",
-        "metrics=[psnr,uciqe]",
-        "tracking.uri=off",
-        "report=false",
-    ]
-    # each worker would import torch
-    command += [
-        "degrade.noise=0.01",
-        "sucre_paper.steps=20",
-        "workers=0",
-    ]
-    command += ["method=ibla,sucre_paper,sucre_plus"]
-    tables = []
-    here, there = (
-        run_here(tmp_path, *command, "out=here"),
-        Started(tmp_path, *command, "out=there").ended(),
-    )
-    for out, done in (("here", here), ("there", there)):
-        assert done.returncode == 0, done.stdout + done.stderr
-        tables.append(but_times(results.read(tmp_path / out)))
+    command = ["run", "-m", *small_demo, "first=1", "tracking.uri=off", "report=false"]
+    command += ["method=ibla,sucre_paper,sucre_plus", "metrics=[psnr,uciqe]"]
+    command += ["degrade.noise=0.01", "sucre_paper.steps=20"]
+    command += ["workers=0"]  # each would import torch
+    succeeded(tmp_path, *command, "out=here")
+    there = Started(tmp_path, *command, "out=there").ended()
+    assert there.returncode == 0, there.stdout + there.stderr
+    tables = (but_times(results.read(tmp_path / out)) for out in ("here", "there"))
     pd.testing.assert_frame_equal(*tables)
 
 
@@ -51,10 +36,14 @@ def toy(out: Path, *overrides: str) -> Outcome:
 
 
 def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
-    whole = toy(tmp_path / "whole")
-    parts = toy(tmp_path / "parts", "shard.count=3", "shard.index=range(3)")
-    assert (parts.ok, parts.exit_code) == (7, 0)
-    pd.testing.assert_frame_equal(but_times(parts.rows), but_times(whole.rows))
+    """Also in scores of pairs of views, and on the pixels that all methods fill."""
+    words = ("method=gain,left_half", "metrics=[psnr,apart]")
+    toy(tmp_path / "whole", *words)
+    parts = toy(tmp_path / "parts", *words, "shard.count=3", "shard.index=range(3)")
+    assert (parts.ok, parts.exit_code) == (14, 0)
+    for read in (results.read, read_common):
+        found, expected = (but_times(read(tmp_path / name)) for name in ("parts", "whole"))
+        pd.testing.assert_frame_equal(found, expected)
 
 
 def test_a_shard_has_neighbours(tmp_path: Path, toys: str):
@@ -89,14 +78,8 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(
     tmp_path: Path, small_demo: list[str]
 ):
     """Paired once, on the disk while the sweep runs; each is told to have taken the time of pairing."""
-    words = [
-        "method=sucre,sucre_paper",
-        "metrics=[coverage]",
-        "first=1",
-        "tracking.uri=off",
-        f"out={tmp_path}",
-    ]
-    outcome = run([*small_demo, *words], True)
+    words = ["method=sucre,sucre_paper", "metrics=[coverage]", "first=1", f"out={tmp_path}"]
+    outcome = run([*small_demo, *words, "tracking.uri=off"], True)
     assert outcome.ok == 2
     told = [
         json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("records.jsonl")
@@ -111,27 +94,17 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(
 
 def test_a_chart_that_is_marked_later_is_scored_and_nothing_is_restored_again(tmp_path: Path):
     dive, out = write_dive(tmp_path / "dive"), tmp_path / "out"
-    words = [
-        f"dataset.root={dive}",
-        "method=gray_world",
-        "save=full",
-        "report=false",
-        "tracking.uri=off",
-        f"out={out}",
-    ]
+    words = ["dataset=colmap", f"dataset.root={dive}", "method=gray_world", f"out={out}"]
+    words += ["save=full", "report=false", "tracking.uri=off"]
 
-    def psi_by_view(corner: int) -> tuple[dict[str, float], list[bytes]]:
+    def psi(corner: int) -> float:
         corners = [[corner, 2], [36, 3], [35, 27], [5, 26]]
         (dive / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": corners}}}))
-        rows = run(["dataset=colmap", *words, "metrics=[psi,coverage]"], True).rows
-        psi = rows[(rows["metric"] == "psi") & (rows["region"] == "chart")]
-        return dict(zip(psi["view"], psi["value"], strict=True)), [
-            f.read_bytes() for f in sorted(out.rglob("*.npz"))
-        ]
+        rows = run([*words, "metrics=[psi,coverage]"], True).rows
+        return float(rows.query("metric == 'psi' and region == 'chart'")["value"].item())
 
-    run(["dataset=colmap", *words, "metrics=[coverage]"], True)
-    before = [file.read_bytes() for file in sorted(out.rglob("*.npz"))]
-    (first, restored), (second, again) = psi_by_view(4), psi_by_view(12)
-    assert len(before) == 2
-    assert before == restored == again
-    assert first["a.png"] != second["a.png"]
+    run([*words, "metrics=[coverage]"], True)
+    restored = {file: file.read_bytes() for file in out.rglob("*.npz")}
+    assert len(restored) == 2
+    assert psi(4) != psi(12)
+    assert {file: file.read_bytes() for file in out.rglob("*.npz")} == restored

@@ -21,20 +21,14 @@ class Dim:
             hints.insert(0, "its edge is odd; use method=gray_world")
         return Restoration(view.rgb * self.gain, info={"hints": hints})
 '''
-DEMO = (
-    "dataset=demo",
-    "dataset.width=64",
-    "dataset.height=48",
-    "dataset.views=3",
-    "dataset.root=demo",
-    "report=false",
-)
+SMALL = ("dataset.width=64", "dataset.height=48", "dataset.views=3", "dataset.root=demo")
 
 
 def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., Done]) -> None:
     (tmp_path / "dim.py").write_text(PLUGIN)
-    words = ("metrics=[psnr]", "tracking.uri=off", "out=out", "workers=0", "--plugin", "dim.py")
-    done = bench("run", "-m", *DEMO, "method=dim,gray_world", *words)
+    quiet = ("tracking.uri=off", "report=false", "workers=0", "--plugin", "dim.py")
+    made = ("dataset=demo", *SMALL, "method=dim,gray_world", "metrics=[psnr]", *quiet)
+    done = bench("run", "-m", *made)
     assert done.returncode == 0, done.stderr
     table, _, after = done.stdout.partition("more: ")
     assert table.count("psnr")
@@ -43,15 +37,4 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     assert "demo / dim, in 3 of 3 views" in lines[0]
     assert "dim.gain=2" in lines[0]
     assert "hint" not in done.stderr
-    assert (
-        bench(
-            "run",
-            "-m",
-            *DEMO,
-            "method=dim,gray_world",
-            "dim.gain=2",
-            "overwrite=always",
-            *words,
-        ).returncode
-        == 0
-    )
+    assert bench("run", "-m", *made, "dim.gain=2", "overwrite=always").returncode == 0

@@ -23,21 +23,21 @@ def shown(out: Path, name: str) -> np.ndarray:
     )
 
 
+def computed(out: Path) -> np.ndarray:
+    """What the method has computed of every view (3, H, W, 3)."""
+    stored = (np.load(out / "restored" / "toy" / "gain" / f"{name}.npz") for name in NAMES)
+    return np.stack([arrays["image"].astype(float) for arrays in stored])
+
+
 def test_all_views_are_shown_with_percentiles_of_the_scene(out: Path, tmp_path: Path) -> None:
     log = tmp_path / "log"
     outcome = run(out, "save=full", "method.display=stretch-5-95@scene", f"method.log={log}")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert calls(log) == ["v0.png", "v1.png", "v2.png"], "each view is restored once"
-    J = {
-        name: np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float)
-        for name in NAMES
-    }
-    low, high = np.percentile(
-        np.concatenate([J[name].reshape(-1, 3) for name in NAMES]), [5, 95], axis=0
-    )
-    for name in NAMES:
-        expected = 255 * ((J[name] - low) / (high - low)).clip(0, 1)
-        np.testing.assert_allclose(shown(out, name), expected, atol=0.51)
+    J = computed(out)
+    low, high = np.percentile(J.reshape(-1, 3), [5, 95], axis=0)
+    expected = 255 * ((J - low) / (high - low)).clip(0, 1)
+    np.testing.assert_allclose([shown(out, name) for name in NAMES], expected, atol=0.51)
 
 
 def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
@@ -46,11 +46,8 @@ def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
     alone = shown(out, "v0")
     outcome = run(out, *command)
     assert (outcome.ok, outcome.exit_code) == (3, 0)
-    J = [
-        np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float)
-        for name in NAMES
-    ]
-    top = np.percentile(np.concatenate([image.reshape(-1, 3) for image in J]), 90, axis=0)
+    J = computed(out)
+    top = np.percentile(J.reshape(-1, 3), 90, axis=0)
     assert np.abs(shown(out, "v0") - alone).max() >= 1
     np.testing.assert_allclose(shown(out, "v0"), 255 * (J[0] / top).clip(0, 1), atol=0.51)
 

@@ -54,46 +54,28 @@ with open({note!r}, "a") as note:
 """
 
 
-@pytest.fixture(scope="module")
-def trapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dive in a folder where every importable name but ours is a file that notes its import."""
-    folder = tmp_path_factory.mktemp("trapped")
+def test_no_command_imports_from_the_current_folder(tmp_path: Path):
+    """Every importable name but ours is a file there that notes its import."""
+    folder, program = tmp_path / "trapped", tmp_path / "program" / "all.py"
     write_dive(folder / "dive", ("a.png", "b.png"))
     for name in {*sys.stdlib_module_names, *packages_distributions()} - {"sucre_bench"}:
         if name.isidentifier():
             (folder / f"{name}.py").write_text(TRAP.format(note=str(folder / "sprung")))
-    return folder
-
-
-@pytest.fixture(scope="module")
-def done(
-    trapped: Path, tmp_path_factory: pytest.TempPathFactory
-) -> subprocess.CompletedProcess[str]:
-    """All commands, run in that folder."""
-    program = tmp_path_factory.mktemp("program") / "all.py"
+    program.parent.mkdir()
     program.write_text(ONE_PROCESS)
-    words, environment = (
+    done = subprocess.run(
         [sys.executable, program, *COMMANDS],
-        {**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    return subprocess.run(
-        words,
-        cwd=trapped,
-        env=environment,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
         timeout=900,
     )
-
-
-def test_no_command_imports_from_the_current_folder(
-    trapped: Path, done: subprocess.CompletedProcess[str]
-):
-    assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
+    assert not (folder / "sprung").exists(), (folder / "sprung").read_text()
     assert "Traceback" not in done.stderr
     made = ("results/report/index.html", "bundles/results.zip")
-    assert all((trapped / name).is_file() for name in made), done.stderr
+    assert all((folder / name).is_file() for name in made), done.stderr
 
 
 def test_a_note_says_that_python_itself_imports_from_the_current_folder(

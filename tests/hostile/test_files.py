@@ -9,7 +9,8 @@ import socket
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import chdir, contextmanager
 from pathlib import Path
 
 import cv2
@@ -29,36 +30,22 @@ from sucre_bench.machine import progress
 
 def png_of_size(width: int, height: int) -> bytes:
     """A PNG of a few bytes whose header says a size."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data))
-            + kind
-            + data
-            + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
-        + chunk(b"IEND", b"")
-    )
+    data = bytearray(one_pixel(".png"))
+    data[16:24] = struct.pack(">II", width, height)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))  # of the header
+    return bytes(data)
 
 
 def tiff_of_size(width: int, height: int) -> bytes:
     """A TIFF of a few bytes whose header says a size."""
     content = io.BytesIO()
     tifffile.imwrite(content, np.zeros((1, 1), np.float32))
-    with tifffile.TiffFile(io.BytesIO(content.getvalue())) as file:
-        tags = {name: file.pages.first.tags[name] for name in ("ImageWidth", "ImageLength")}
-        order = file.byteorder
-    data = bytearray(content.getvalue())
-    for tag, value in ((tags["ImageWidth"], width), (tags["ImageLength"], height)):
-        data[tag.valueoffset : tag.valueoffset + 4] = struct.pack(order + "I", value)
-        data[tag.offset + 2 : tag.offset + 4] = struct.pack(order + "H", 4)
-    return bytes(data)
+    content.seek(0)
+    with tifffile.TiffFile(content) as file:
+        tags = file.pages.first.tags
+        tags["ImageWidth"].overwrite(width)
+        tags["ImageLength"].overwrite(height)
+    return content.getvalue()
 
 
 def npz_of_shape(shape: tuple[int, ...]) -> bytes:
@@ -93,8 +80,6 @@ def tiff_of_pages(*pages: np.ndarray, reduced: int | None = None) -> bytes:
 
 def animation(*pictures: np.ndarray) -> bytes:
     """A PNG that shows pictures (H, W, 3) one after the other."""
-    from PIL import Image
-
     content, (first, *others) = io.BytesIO(), map(Image.fromarray, pictures)
     first.save(content, "PNG", save_all=True, append_images=others)
     return content.getvalue()
@@ -104,18 +89,10 @@ def device(path: Path) -> None:
     path.symlink_to("/dev/zero")
 
 
-def pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
 def bound_socket(path: Path) -> None:
-    here = Path.cwd()
-    os.chdir(path.parent)  # an address has 108 bytes
-    try:
-        with socket.socket(socket.AF_UNIX) as bound:
-            bound.bind(path.name)
-    finally:
-        os.chdir(here)
+    # an address has 108 bytes
+    with chdir(path.parent), socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(path.name)
 
 
 def written(content: bytes) -> Callable[[Path], None]:
@@ -151,7 +128,7 @@ IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "an animation": (".png", written(animation(*TWO)), "several pictures"),
     "one pixel": (".png", written(one_pixel(".png")), "is 1x1"),
     "a device": (".png", device, "is a device"),
-    "a pipe": (".png", pipe, "is a named pipe"),
+    "a pipe": (".png", os.mkfifo, "is a named pipe"),
     "a socket": (".png", bound_socket, "is a socket"),
 }
 DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
@@ -161,17 +138,22 @@ DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "one pixel": (".png", written(one_pixel(".png")), "uint8"),
     "an archive": (".npy", written(npz_of_shape((30000, 40000))), "cannot be read"),
     "a device": (".png", device, "is a device"),
-    "a pipe": (".tif", pipe, "is a named pipe"),
+    "a pipe": (".tif", os.mkfifo, "is a named pipe"),
 }
 
 
+@contextmanager
+def in_little_memory() -> Iterator[None]:
+    """What is within needs less than 500 MB."""
+    Path("/proc/self/clear_refs").write_text("5")
+    before = peak_mb()
+    yield
+    assert peak_mb() - before < 500
+
+
 def peak_mb() -> float:
-    line = next(
-        line
-        for line in Path("/proc/self/status").read_text().splitlines()
-        if line.startswith("VmHWM")
-    )
-    return int(line.split()[1]) / 1024
+    (kilobytes,) = re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())
+    return int(kilobytes) / 1024
 
 
 def run(folder: Path, *more: str) -> Done:
@@ -201,10 +183,8 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
         path = dive / "depths" / f"depth_{Path(name).stem}.png"
         path.unlink()
         spoil(path.with_suffix(suffix))
-    Path("/proc/self/clear_refs").write_text("5")
-    before = peak_mb()
-    done = run(tmp_path, "-m", "method=stitching,gray_world", "report=true")
-    assert peak_mb() - before < 500
+    with in_little_memory():
+        done = run(tmp_path, "-m", "method=stitching,gray_world", "report=true")
     page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
     rows = results.read(tmp_path / "results")
     rows = rows[(rows["metric"] == "seconds")]
@@ -235,24 +215,13 @@ def test_a_thumbnail_after_the_picture_is_passed_over(tmp_path: Path, reduced: i
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 def test_transparent_pixels_keep_their_colours_and_are_said_once(tmp_path: Path, suffix: str):
-    alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
-    alpha[:3, :2] = 0
-    for name in ("a", "b"):
-        path = tmp_path / f"{name}{suffix}"
-        if suffix == ".png":
-            assert cv2.imwrite(str(path), np.dstack([TWO[0][..., ::-1], alpha]))
-        else:
-            tifffile.imwrite(
-                path, np.dstack([TWO[0], alpha]), photometric="rgb", extrasamples=["unassalpha"]
-            )
-    lines = Lines()
-    with progress.watched_by(lines):
+    with progress.watched_by(lines := Lines()):
         for name in ("a", "b"):
-            np.testing.assert_allclose(
-                read_rgb(tmp_path / f"{name}{suffix}"), TWO[0] / 255, atol=1e-6
-            )
-    assert len(lines.lines) == 1
-    assert "6 pixels" in lines.lines[0]
+            path = (tmp_path / name).with_suffix(suffix)
+            Image.fromarray(with_alpha(np.uint8)).save(path)
+            np.testing.assert_allclose(read_rgb(path), TWO[0] / 255, atol=1e-6)
+    (line,) = lines.lines
+    assert "6 pixels" in line
 
 
 def with_alpha(dtype: type) -> np.ndarray:
@@ -282,14 +251,10 @@ def test_planes_of_a_tiff_are_its_channels(
     tmp_path: Path, n: int, dtype: type, compression: str | None
 ) -> None:
     planes = np.moveaxis(with_alpha(dtype)[..., :n], -1, 0)
-    extra = ["unassalpha"][: n - 3]
-    how = {
-        "photometric": "rgb",
-        "planarconfig": "separate",
-        "extrasamples": extra,
-        "compression": compression,
-    }
-    tifffile.imwrite(tmp_path / "a.tif", planes, **how)
+    how = {"planarconfig": "separate", "extrasamples": ["unassalpha"][: n - 3]}
+    tifffile.imwrite(
+        tmp_path / "a.tif", planes, photometric="rgb", compression=compression, **how
+    )
     np.testing.assert_allclose(read_rgb(tmp_path / "a.tif"), TWO[0] / 255, atol=1e-6)
 
 
@@ -304,8 +269,7 @@ def test_transparency_that_no_decoder_reads_as_stored_is_refused(tmp_path: Path)
 @pytest.mark.parametrize(("factor", "notes"), [(16, 1), (257, 0)])
 def test_images_that_use_12_of_16_bits_are_said(tmp_path: Path, factor: int, notes: int):
     assert cv2.imwrite(str(tmp_path / "a.png"), TWO[0].astype(np.uint16) * factor)
-    lines = Lines()
-    with progress.watched_by(lines):
+    with progress.watched_by(lines := Lines()):
         read_rgb(tmp_path / "a.png")
     assert len(lines.lines) == notes
 
@@ -333,10 +297,9 @@ def test_restorations_of_others_are_held_against_the_view_before_they_are_decode
     write_image(tmp_path / "restored" / "a.png", picture(0))
     for name, (suffix, content, _) in zip(names, PRECOMPUTED.values(), strict=True):
         (tmp_path / "restored" / name).with_suffix(suffix).write_bytes(content)
-    Path("/proc/self/clear_refs").write_text("5")
-    before = peak_mb()
-    done = run(tmp_path, "method=precomputed", "method.folder=restored", "method.resize=true")
-    assert peak_mb() - before < 500
+    with in_little_memory():
+        words = ("method=precomputed", "method.folder=restored", "method.resize=true")
+        done = run(tmp_path, *words)
     rows = results.read(tmp_path / "results")
     rows = rows[rows["metric"] == "seconds"].set_index("view")
     for name, (_, _, said) in zip(names, PRECOMPUTED.values(), strict=True):

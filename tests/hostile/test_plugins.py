@@ -130,12 +130,8 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
     """One view leaves a thread behind that sleeps for an hour. The command ends all the same."""
     acts = ",".join(FAULTS)
     told = f"3 ok, {len(FAULTS)} failed, 0 skipped"
-    for limit_s in (
-        2,
-        20,
-        200,
-    ):
-        # seconds that views which do nothing are given; the next on a busy machine
+    # seconds that views which do nothing are given; the next on a busy machine
+    for limit_s in (2, 20, 200):
         folder = tmp_path / str(limit_s)
         folder.mkdir()
         limited = words(
@@ -222,12 +218,8 @@ def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
 
 @pytest.mark.parametrize("region", ["image", "patch 7"])
 def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
-    done = run_here(
-        tmp_path,
-        *words(
-            "fine", "method=actor", "metrics=[coverage,twice]", f"metrics.twice.region={region}"
-        ),
-    )
+    metrics = ("metrics=[coverage,twice]", f"metrics.twice.region={region}")
+    done = run_here(tmp_path, *words("fine", "method=actor", *metrics))
     rows = results.read(tmp_path / "results").set_index("metric")
     assert set(rows.loc["twice", "status"]) == {"failed"}
     assert f"'{region}'" in rows.loc["twice", "reason"].iloc[0]
@@ -239,14 +231,8 @@ def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
 def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(
     tmp_path: Path, kind: str, name: str
 ):
-    called = [
-        "dataset=called",
-        f"dataset.{kind}={name}",
-        "method=gray_world",
-        "tracking.uri=off",
-        "report=false",
-    ]
-    done = run_here(tmp_path, "run", "--plugin", PLUGINS, *called, "out=results")
+    called = ("dataset=called", f"dataset.{kind}={name}", "method=gray_world")
+    done = run_here(tmp_path, "run", "--plugin", PLUGINS, *called)
     assert done.returncode == 2
     (line,) = done.errors
     assert "dataset 'called'" in line

@@ -6,13 +6,11 @@ import functools
 import os
 import re
 import resource
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from support.colmap_folder import write_dive
-from support.command_line import PROGRAM, Started, forks, run_here
+from support.command_line import Started, forks, run_here
 
 from sucre_bench import results
 
@@ -52,30 +50,6 @@ def _open_as_user(path: Path) -> None:
 def with_small_files(n_bytes: int) -> None:
     """Let this process write no file of more bytes."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
-
-
-def on_small_disk(
-    folder: Path, name: str, n_bytes: int, script: str
-) -> subprocess.CompletedProcess[str]:
-    """Run a shell script in a folder, with a disk of some bytes mounted at folder/name. Skips where none can be."""
-    (folder / name).mkdir()
-    mount = ["unshare", "--mount", "sh", "-c"]
-    disk = f"mount -t tmpfs -o size={n_bytes} tmpfs '{name}'"
-    try:
-        subprocess.run([*mount, disk], cwd=folder, check=True, capture_output=True, timeout=60)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("this user may mount no disk here")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    whole = [*mount, f"{disk} && {script}"]
-    return subprocess.run(
-        whole,
-        cwd=folder,
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env=environment,
-    )
 
 
 RUN = "run -m dataset=colmap dataset.root=dive method=gray_world,underwater metrics=[coverage] tracking.uri=off"
@@ -184,32 +158,6 @@ def test_stored_restorations_that_cannot_be_replaced_keep_their_rows(place: Path
         .equals(of_method.reset_index(drop=True))
     )
     assert set(after["status"].unique()) == {"ok"}
-
-
-def test_a_disk_that_fills_in_the_middle_keeps_what_is_finished(place: Path, tmp_path: Path):
-    (tmp_path / "dive").symlink_to(place / "dive")
-    needed = sum(
-        path.stat().st_blocks * 512 for path in (place / "results").rglob("*") if path.is_file()
-    )
-    run = f"'{PROGRAM}' {RESULTS.replace('out=results', 'out=disk')}"
-    steps = (
-        f"{run} 2>first",
-        "echo $?",
-        "cp -r disk kept",
-        "mount -o remount,size=64M disk",
-        f"{run} 2>second",
-    )
-    script = "; ".join((*steps, "echo $?", "cp -r disk end"))
-    done = on_small_disk(tmp_path, "disk", needed * 2 // 3, script)
-    first, second = (int(line) for line in done.stdout.splitlines() if line.strip().isdigit())
-    assert first in (1, 2), done.stderr
-    assert second == 0, done.stderr
-    assert re.search(r"disk/.*: .*disk.*; ", (tmp_path / "first").read_text())
-    assert "Traceback" not in (tmp_path / "first").read_text()
-    kept, end = results.read(tmp_path / "kept"), results.read(tmp_path / "end")
-    assert set(kept["status"].unique()) == {"ok"}
-    assert 0 < len(kept) < len(end) == len(results.read(place / "results"))
-    assert set(end["status"].unique()) == {"ok"}
 
 
 def test_a_limit_on_the_size_of_files_stops_a_run_with_a_remedy_that_works(

@@ -37,23 +37,15 @@ def without(name: str) -> Callable[[Path], None]:
     return lambda path: ROWS.drop(columns=name).to_parquet(path, index=False)
 
 
-def cut(path: Path) -> None:
-    ROWS.to_parquet(path, index=False)
-    path.write_bytes(path.read_bytes()[:-200])
+def with_bytes(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        ROWS.to_parquet(path, index=False, compression=None)
+        path.write_bytes(change(path.read_bytes()))
+
+    return write
 
 
-def scrambled(path: Path) -> None:
-    ROWS.to_parquet(path, index=False)
-    content = bytearray(path.read_bytes())
-    content[40:400] = np.random.default_rng(0).bytes(360)
-    path.write_bytes(content)
-
-
-def no_text(path: Path) -> None:
-    ROWS.to_parquet(path, index=False, compression=None)
-    path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
-
-
+NOISE = np.random.default_rng(0).bytes(360)
 FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text for numbers": (column("value", "high"), "column 'value'"),
     "no time": (column("time", "yesterday"), "column 'time'"),
@@ -64,9 +56,15 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "options that are no UTF-8": (column("options", '{"gain": "\\udc80"}'), "column 'options'"),
     "deep options": (column("options", "[" * 100_000), "column 'options'"),
     "a column is missing": (without("region"), "column 'region'"),
-    "cut short": (cut, "scores.parquet: not"),
-    "overwritten inside": (scrambled, "scores.parquet: not"),
-    "bytes that are no text": (no_text, "scores.parquet: not"),
+    "cut short": (with_bytes(lambda whole: whole[:-200]), "scores.parquet: not"),
+    "overwritten inside": (
+        with_bytes(lambda whole: whole[:40] + NOISE + whole[400:]),
+        "scores.parquet: not",
+    ),
+    "bytes that are no text": (
+        with_bytes(lambda whole: whole.replace(b"gain", b"\xff\xfe\xff\xfe")),
+        "scores.parquet: not",
+    ),
     "a folder": (lambda path: path.mkdir(), ""),
 }
 COMMANDS = {
@@ -84,17 +82,17 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(("write", "said"), FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
-    tmp_path: Path, write: Callable[[Path], None], said: str
+    tmp_path: Path, fault: str
 ):
-    out = tmp_path / "results"
-    out.mkdir()
-    path = out / "scores.parquet"
+    write, said = FAULTS[fault]
+    path = tmp_path / "results/scores.parquet"
+    path.parent.mkdir()
     write(path)
     before = path.read_bytes() if path.is_file() else None
     # all commands read it by one function
-    for command in COMMANDS.values() if write is cut else [COMMANDS["compare"]]:
+    for command in COMMANDS.values() if fault == "cut short" else [COMMANDS["compare"]]:
         done = run_here(tmp_path, *command)
         assert done.returncode == 2, command
         assert "scores.parquet" in done.stderr

@@ -18,7 +18,6 @@ from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import recognised
 from sucre_bench.jobs.experiment_file import EXPERIMENT, record_experiment
-from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.word_syntax import quoted, shell, value_of
 from sucre_bench.machine import progress
 from sucre_bench.plugins.registry import using
@@ -35,7 +34,6 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
 @pytest.mark.parametrize(
     ("override", "named"),
     [
-        ("method=gian", "'gain'"),
         ("dataset=tou", "'toy'"),
         ("metrics=[psnrr]", "'psnr'"),
         ("experiment=dem", "'demo'"),
@@ -111,12 +109,8 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     assert label() == "gain"
     assert label("method.gain=0.5", "method.log=/tmp/x") == "gain"
     assert label("method.gain=2", "method.label=mine") == "mine"
-    swept = jobs(
-        "method.gain=0.5,1",
-        "method.log=/tmp/x,/elsewhere/y",
-        "method.mode=fancy",
-        multirun=True,
-    )
+    words = ("method.gain=0.5,1", "method.log=/tmp/x,/elsewhere/y", "method.mode=fancy")
+    swept = jobs(*words, multirun=True)
     assert [j.method.label for j in swept.jobs] == [
         "gain,gain=0.5,log=x", "gain,gain=0.5,log=y", "gain,gain=1.0,log=x", "gain,gain=1.0,log=y",
     ]  # fmt: skip
@@ -125,12 +119,8 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
     sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
     assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
-    own = jobs(
-        "method.gain=1,2",
-        "method.mode=plain,fancy",
-        "method.label='gain {gain}'",
-        multirun=True,
-    )
+    words = ("method.gain=1,2", "method.mode=plain,fancy", "method.label='gain {gain}'")
+    own = jobs(*words, multirun=True)
     assert [job.method.label for job in own.jobs] == [
         f"gain {n}.0,mode={m}" for n in (1, 2) for m in ("plain", "fancy")
     ]
@@ -212,65 +202,23 @@ def test_a_datasets_option_without_a_dataset_is_refused():
         compose_jobs.jobs(["dataset.root=pool", "method=gain"], multirun=False)
 
 
-def test_a_jobs_values_give_the_same_job_in_another_process():
-    words = [
-        "method.gain=1,2",
-        "dataset.views=2,3",
-        "degrade.noise=0.1",
-        "views=[v0.png]",
-        "save=full",
-    ]
-    for one in jobs(*words, multirun=True).jobs:
-        again = Job.of(one.values)
-        assert (again.method, again.dataset, again.degrade) == (
-            one.method,
-            one.dataset,
-            one.degrade,
-        )
-        assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
-
-
 def test_the_experiment_of_a_folder_repeats_its_jobs_with_all_settings(tmp_path: Path):
-    settings = {
-        "every": 2,
-        "first": 1,
-        "seed": 3,
-        "save": "full",
-        "bits": 16,
-        "colours": "stored",
-    }
+    settings = {"every": 2, "first": 1, "seed": 3, "bits": 16}
+    settings |= {"save": "full", "colours": "stored"}
     words = [f"{name}={value}" for name, value in settings.items()]
-    made = jobs(
-        *words, "method.gain=1,2", "degrade.noise=0.1", f"out={tmp_path}", multirun=True
-    )
+    swept = ("method.gain=1,2", "dataset.views=2", "degrade.noise=0.1", "views=[v0.png]")
+    made = jobs(*words, *swept, f"out={tmp_path}", multirun=True)
     record_experiment(made.jobs)
     again = compose_jobs.jobs([str(tmp_path / EXPERIMENT)], multirun=False)
+    same = ("method", "dataset", "degrade", "views", *settings)
     for one, other in zip(made.jobs, again.jobs, strict=True):
-        assert (other.method, other.dataset, other.degrade) == (
-            one.method,
-            one.dataset,
-            one.degrade,
-        )
+        assert [getattr(other, name) for name in same] == [getattr(one, name) for name in same]
         assert {name: getattr(other, name) for name in settings} == settings
 
 
 LETTERS = "\\'$ {}a1."
-TEXTS = [
-    "true",
-    "Null",
-    "nan",
-    "inf",
-    "5",
-    ".5",
-    ".5e-3",
-    "1e-3",
-    "C:\\dive\\",
-    "${out}",
-    "a,b",
-    "~/dive",
-    "ünï",
-    "",
-]
+TEXTS = ["true", "Null", "nan", "inf", "5", ".5", ".5e-3", "1e-3"]
+TEXTS += ["C:\\dive\\", "${out}", "a,b", "~/dive", "ünï", ""]
 
 
 def test_any_text_is_read_back_as_the_same_text():
@@ -352,10 +300,8 @@ def test_two_folders_of_one_dataset_are_told_apart(tmp_path: Path):
 def test_a_folder_that_fits_several_datasets_is_the_users_choice(tmp_path: Path):
     dive = write_dive(tmp_path / "dive", ("a.png",))
     (dive / "depth0000.dmap").touch()
-    with pytest.raises(InputError) as fault:
+    with pytest.raises(InputError, match=r"dataset=colmap.*dataset=openmvs"):
         dataset_of(f"dataset={dive}")
-    assert "dataset=colmap" in str(fault.value)
-    assert "dataset=openmvs" in str(fault.value)
 
 
 @pytest.mark.parametrize(

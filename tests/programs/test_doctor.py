@@ -18,6 +18,11 @@ def states(found: doctor.Examined) -> dict[str, doctor.Feature]:
     return {feature.name: feature for feature in found.features}
 
 
+def mended(feature: doctor.Feature) -> tuple[str, str]:
+    """A feature's state, and what to tell Python."""
+    return feature.state, feature.remedy.split("-m ")[1]
+
+
 def other_pythons_end(monkeypatch: pytest.MonkeyPatch, code: int, stderr: str = "") -> None:
     """Let each process that doctor starts end at once."""
     ended = subprocess.CompletedProcess([], code, "", stderr)
@@ -49,18 +54,12 @@ def test_doctor_counts_a_missing_dependency_but_no_extra(
     other_pythons_end(monkeypatch, 0)
     found = doctor.examine(tmp_path / "not" / "there")
     assert found.faults == 1
-    lacking = states(found)["prepare: photos to a scene"]
-    assert (lacking.state, lacking.remedy.split("-m ")[1]) == (
-        "missing",
-        "pip install 'sucre-bench[prepare]'",
-    )
-    broken = states(found)["results, configuration"]
-    assert (broken.state, broken.remedy.split("-m ")[1]) == (
-        "broken",
-        "pip install 'pyarrow>=17'",
-    )
-    assert states(found)["tests in a browser"].state == "missing"
-    assert states(found)["a cluster, by SLURM"].state == "absent"
+    of = states(found)
+    lacking, broken = of["prepare: photos to a scene"], of["results, configuration"]
+    assert mended(lacking) == ("missing", "pip install 'sucre-bench[prepare]'")
+    assert mended(broken) == ("broken", "pip install 'pyarrow>=17'")
+    assert of["tests in a browser"].state == "missing"
+    assert of["a cluster, by SLURM"].state == "absent"
 
 
 def test_doctor_on_a_cluster_names_the_extra_that_starts_jobs_there(
@@ -70,10 +69,7 @@ def test_doctor_on_a_cluster_names_the_extra_that_starts_jobs_there(
     monkeypatch.setattr(doctor.shutil, "which", lambda program: f"/usr/bin/{program}")
     other_pythons_end(monkeypatch, 0)
     cluster = states(doctor.examine(tmp_path))["a cluster, by SLURM"]
-    assert (cluster.state, cluster.remedy.split("-m ")[1]) == (
-        "missing",
-        "pip install 'sucre-bench[slurm]'",
-    )
+    assert mended(cluster) == ("missing", "pip install 'sucre-bench[slurm]'")
 
 
 def test_doctor_goes_on_after_an_import_that_does_not_end(
@@ -88,11 +84,9 @@ def test_doctor_goes_on_after_an_import_that_does_not_end(
 
     monkeypatch.setattr(doctor.subprocess, "run", run)
     found = states(doctor.examine(tmp_path))
-    assert (found["SUCRe on the CPU"].state, found["results, configuration"].state) == (
-        "broken",
-        "ready",
-    )
-    assert "numba does not import: no end after 60 s" in found["SUCRe on the CPU"].said
+    sucre = found["SUCRe on the CPU"]
+    assert (sucre.state, found["results, configuration"].state) == ("broken", "ready")
+    assert "numba does not import: no end after 60 s" in sucre.said
 
 
 def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):

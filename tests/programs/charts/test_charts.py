@@ -1,8 +1,8 @@
 """Marking charts: the detector, the order of patches, the geometry, the file, and the page's server over HTTP."""
 
-import http.client
 import json
 import re
+import socket
 import threading
 import urllib.error
 import urllib.request
@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 from support.colmap_folder import write_image, write_model
 from support.made_scene import TILTED, make_camera, make_pose, painted
-from support.messages import names
+from support.messages import refused
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
@@ -104,26 +104,18 @@ LYING = np.array([[200.0, 150], [620, 140], [640, 420], [190, 430]])
 def colorchecker() -> Array:
     """A chart in a black frame, on gray."""
     chart = painted(chart_kind("colorchecker24"), LYING, (600, 800))
-    scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
-    around = (
-        cv2.fillConvexPoly(
-            np.zeros((600, 800), np.uint8), np.rint(frame(LYING, 0.06)).astype(int), 1
-        )
-        > 0
-    )
-    scene[around & (chart == 1).all(-1)] = 0.03
-    return scene
-
-
-def frame(corners: Array, margin: float) -> Array:
-    unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * margin + [
-        [0, 0],
-        [1, 0],
-        [1, 1],
-        [0, 1],
+    is_outside = (chart == 1).all(-1)
+    scene = np.where(is_outside[..., None], 0.35, chart)
+    corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) * [1.12, 1.12, 1] - [
+        0.06,
+        0.06,
+        0,
     ]
-    mapped = np.c_[unit, np.ones(4)] @ image_from_chart(corners).T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+    frame = corners @ image_from_chart(LYING).T
+    around = np.rint(frame[:, :2] / frame[:, 2:]).astype(int)
+    is_framed = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), around, 1) > 0
+    scene[is_framed & is_outside] = 0.03
+    return scene
 
 
 # -- the geometry ------------------------------------------------------------------------------------------------
@@ -212,19 +204,16 @@ def test_four_corners_are_checked_saved_and_carried_over(
 ) -> None:
     view = server.session.views[0]
     corners = true_corners(view.camera, view.cam_from_world).tolist()
-    seen = json.loads(
-        get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners})[1]
-    )
+
+    def checked(corners: list[list[float]]) -> dict[str, Any]:
+        body = {"number": 0, "kind": "dgk", "corners": corners}
+        return dict(json.loads(get(server.url + "check", body)[1]))
+
+    seen = checked(corners)
     assert seen["fault"] == ""
     assert seen["patches"][6]["expected"] == "#eb1c24"
     assert seen["rectified"].startswith("data:image/png;base64,")
-    turned = json.loads(
-        get(
-            server.url + "check",
-            {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]},
-        )[1]
-    )
-    assert re.search("bottom right .*top left", turned["fault"])
+    assert re.search("bottom right .*top left", checked(corners[2:] + corners[:2])["fault"])
     chart = {"name": "left", "kind": "dgk", "corners": corners}
     status, state = get(server.url + "save", {"number": 0, "charts": [chart]})
     assert status == 200
@@ -273,12 +262,34 @@ def test_only_this_machines_page_is_answered(server: PageServer) -> None:
     assert (status, b"is not the page's" in said) == (422, True)
 
 
+REQUESTS = {
+    "no address": b"GET http://[ HTTP/1.1\r\nHost: x\r\n\r\n",
+    "no length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Type: application/json\r\n\r\n",
+    "a negative length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: -1\r\n\r\n",
+    "a length of 5,000 digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: "
+    + b"9" * 5000
+    + b"\r\n\r\n",
+    "a length in other digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: \xb2\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("request_", REQUESTS.values(), ids=REQUESTS)
+def test_what_is_no_request_of_the_page_is_refused_and_the_server_goes_on(
+    server: PageServer, capsys: pytest.CaptureFixture[str], request_: bytes
+) -> None:
+    host = f"127.0.0.1:{server.server_port}".encode()
+    with socket.create_connection(server.server_address, timeout=300) as connection:
+        connection.sendall(request_.replace(b"%b", server.token.encode()).replace(b"%h", host))
+        answer = connection.recv(1000)
+    assert re.match(rb"HTTP/1.. 4\d\d ", answer), answer
+    assert get(server.url + "state")[0] == 200
+    assert "Traceback" not in capsys.readouterr().err
+
+
 def test_the_page_takes_nothing_from_elsewhere(server: PageServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=300)
-    connection.request("GET", f"/{server.token}/")
-    reply = connection.getresponse()
-    page = reply.read().decode()
-    connection.close()
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    with opener.open(server.url, timeout=300) as reply:
+        page = reply.read().decode()
     assert "default-src 'none'" in reply.headers["Content-Security-Policy"]
     script = get(server.url + "page.js")[1].decode()
     assert not any(word in page + script for word in ("http:", "https:", "innerHTML", "eval("))
@@ -301,9 +312,21 @@ def test_a_wrong_chart_is_refused_and_nothing_is_written(
 # -- the command -------------------------------------------------------------------------------------------------
 
 
+def marked(*words: str) -> str:
+    """What the command says; its errors are raised."""
+    result = CliRunner().invoke(charts, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.output
+
+
+def two_views() -> list[View]:
+    """The chart is marked in the first."""
+    return [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
+
+
 def write_scene(root: Path) -> None:
-    """Two views of the board as the colmap dataset reads them, the chart marked in the first."""
-    views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
+    """Two views of the board as the colmap dataset reads them."""
+    views = two_views()
     (root / "depths").mkdir()
     for view in views:
         write_image(root / "images" / view.name, np.rint(view.rgb * 255).astype(np.uint8))
@@ -321,11 +344,8 @@ def write_scene(root: Path) -> None:
 
 def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    result = CliRunner().invoke(
-        charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False
-    )
-    assert result.exit_code == 0
-    assert "1 proposal accepted, 0 left" in result.output
+    said = marked(str(tmp_path / "images" / "b.png"), "--accept")
+    assert "1 proposal accepted, 0 left" in said
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     (chart,) = view.charts
     np.testing.assert_allclose(
@@ -335,15 +355,9 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
 
 def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", np.rint(255 * colorchecker()).astype(np.uint8))
-    words = [
-        "dataset=photos",
-        f"dataset.root={tmp_path}",
-        "--kind",
-        "colorchecker24",
-        "--accept",
-    ]
-    result = CliRunner().invoke(charts, words, catch_exceptions=False)
-    assert "1 proposal accepted, 0 left" in result.output
+    words = ("--kind", "colorchecker24", "--accept")
+    said = marked("dataset=photos", f"dataset.root={tmp_path}", *words)
+    assert "1 proposal accepted, 0 left" in said
     (view,) = next(sb.load_scenes("photos", root=tmp_path))
     np.testing.assert_allclose(view.charts[0].corners, LYING, atol=7)
 
@@ -355,47 +369,35 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
         (["nowhere/images/a.png"], "nowhere/images/a.png"),
         ([], "view"),
         (["dataset=demo", "dataset.image_scale=0.5"], "dataset.image_scale=0.5"),
-        (["dataset=demo", "--kind", "dkg"], "'dgk'"),
-        (
-            ["dataset=demo", "dataset.width=64", "dataset.height=48"],
-            "'demo'",
-        ),
+        (["dataset=demo", "dataset.width=64", "dataset.height=48"], "'demo'"),
     ],
 )
 def test_what_cannot_be_marked_is_said(words: list[str], named: str) -> None:
-    result = CliRunner().invoke(charts, words)
-    assert isinstance(result.exception, InputError)
-    assert named in names(result.exception)
+    with refused(named):
+        marked(*words)
 
 
 def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: Path) -> None:
     """Of SQUID it lies in the folder of an image set, and its root is that of many."""
-    write_image(tmp_path / "set" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
-    write_image(tmp_path / "D5" / "Raw" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
-    result = CliRunner().invoke(
-        charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"]
-    )
-    assert isinstance(result.exception, InputError)
-    assert re.search(r"'seathru' .*charts\.json", str(result.exception))
+    for folder in ("set", "D5/Raw"):
+        write_image(tmp_path / folder / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
+    with pytest.raises(InputError, match=r"'seathru' .*charts\.json"):
+        marked("dataset=seathru", f"dataset.root={tmp_path}", "--accept")
     assert not list(tmp_path.rglob("charts.json"))
 
 
 def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    words = ["dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept"]
-    result = CliRunner().invoke(charts, words)
-    assert isinstance(result.exception, InputError)
-    assert {"dataset.undistort=true", "corners"} <= names(result.exception)
+    words = ("dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept")
+    with refused("dataset.undistort=true", "corners"):
+        marked(*words)
 
 
 def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
-    views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
-    bad = replace(
-        board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180))
-    )
-    file = ChartsFile(
-        tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)}
-    )
+    views = two_views()
+    bad = replace(views[1], name="bad.png", pixels=Files(tmp_path / "bad.png", (240, 180)))
+    names = ("a.png", "b.png", "bad.png")
+    file = ChartsFile(tmp_path / "charts.json", dict.fromkeys(names, (240, 180)))
     file.confirm("a.png", views[0].charts)
     session = Session([bad], file, "dgk", views)
     session.prepare()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.command_line import HEAVY
 from support.datasets_in_miniature import MINIATURES
 from support.made_networks import ARCHITECTURES, network_options
 
@@ -106,19 +107,7 @@ def test_importing_every_plugin_brings_nothing_heavy() -> None:
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    heavy = {
-        "torch",
-        "jax",
-        "numba",
-        "scipy",
-        "skimage",
-        "cv2",
-        "colour",
-        "open3d",
-        "pandas",
-        "matplotlib",
-    }
-    assert not heavy & set(done.stdout.split())
+    assert not {*HEAVY, "matplotlib"} & set(done.stdout.split())
 
 
 def test_no_room_names_a_plugin() -> None:

@@ -178,7 +178,7 @@ from sucre_bench import Restoration, method
 class Deep:
     '''Needs 100 pixels, as networks with many strides do.'''
     def restore(self, scene, view):
-        if min(view.rgb.shape[:2]) < LEAST:
+        if min(view.rgb.shape[:2]) < 100:
             raise ValueError("Kernel size can't be greater than actual input size")
         return Restoration(view.rgb * 0.9)
 """
@@ -186,13 +186,13 @@ class Deep:
 
 def test_a_network_that_fails_on_small_images_is_checked_on_larger_ones(tmp_path: Path) -> None:
     """The made scenes are 64 x 48 pixels; twice that is too small, four times is not."""
-    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "100"))
+    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL)
     load_file(tmp_path / "deep.py")
-    outcomes = {one.name: one for one in check(Subject(find("method", "deep")))}
-    assert [one.name for one in outcomes.values() if one.status == "broken"] == []
-    assert [text for _, text in outcomes["restores_a_view"].findings] == [
-        "fails on images of 128 x 96 pixels; checked on 256 x 192"
-    ]
+    outcomes = list(check(Subject(find("method", "deep"))))
+    assert "broken" not in {one.status for one in outcomes}
+    (restores,) = (one for one in outcomes if one.name == "restores_a_view")
+    ((_, text),) = restores.findings
+    assert text == "fails on images of 128 x 96 pixels; checked on 256 x 192"
 
 
 # By rule: what a method's restore() does between GOOD and the return of `image`, and the words of the breach.
@@ -357,12 +357,8 @@ def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, body, needs="()")
     done = run(str(path), "method.gain=0.5", "--quick", "--json")
     (told,) = json.loads(done.stdout)
-    assert (told["kind"], told["name"], told["ok"], done.exit_code) == (
-        "method",
-        "tried",
-        True,
-        0,
-    )
+    assert (told["kind"], told["name"]) == ("method", "tried")
+    assert (told["ok"], done.exit_code) == (True, 0)
     assert {rule["status"] for rule in told["rules"]} == {"kept"}
     assert run(str(path), "--quick").exit_code == 1
 
@@ -379,7 +375,6 @@ def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Pa
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("gray_wrld",), "'gray_world'"),
         (("gray_world", "--kind", "metric"), "'gray_world'"),
         (("gray_world", "--on", "dmo"), "'demo'"),
         (("gray_world", "method.gain=2"), "'gain'"),

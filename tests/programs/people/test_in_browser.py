@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.browser import Browser
-from support.command_line import run_here, succeeded
+from support.command_line import registry, run, run_here, succeeded
 from support.places import TOYS
+
+from sucre_bench import plugins
 
 STATE = "JSON.parse(Object.values(localStorage)[0])"
 # log-odds, what observers prefer
@@ -26,35 +28,10 @@ SCORES = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("study")
-    made = (
-        "dataset=toy",
-        "dataset.views=12",
-        "method=gain",
-        "method.gain=0.5,0.75,1.0",
-        "metrics=[redness]",
-    )
-    asked = (
-        "--methods",
-        ",".join(SCORES),
-        "--out",
-        "study.html",
-        "--question",
-        "<b>Better?</b>",
-    )
-    for words in (
-        (
-            "run",
-            "-m",
-            "--plugin",
-            str(TOYS),
-            *made,
-            "out=results",
-            "tracking.uri=off",
-            "report=false",
-        ),
-        ("study", "results", *asked),
-    ):
-        succeeded(place, *words)
+    with plugins.using(registry(TOYS)):
+        run(place / "results", "dataset.views=12", "method.gain=0.5,0.75,1.0", multirun=True)
+    asked = ("--methods", ",".join(SCORES), "--question", "<b>Better?</b>")
+    succeeded(place, "study", "results", *asked, "--out", "study.html")
     return place
 
 
@@ -131,7 +108,9 @@ def test_six_observers_of_known_preference_give_the_right_order(
     assert sorted(found, key=lambda name: found[name]["score"]) == list(SCORES)
     assert found["gain,gain=1.0"]["low"] > 0 > found["gain,gain=0.5"]["high"]
     assert told["agreement"]["n"] > 5, "several observers judged the same pairs"
-    (redness,) = told["metrics"]  # grows with the gain, as these people's preference does
+    (redness,) = (
+        m for m in told["metrics"] if m["metric"] == "redness"
+    )  # grows with the gain, as these people's preference does
     assert redness["tau"] == 1
     assert redness["predicted"] > 0.7
     table = json.loads(

@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 from support.command_line import run
 
 
@@ -26,27 +25,16 @@ def first_view(folder: Path, page: Path) -> dict[str, tuple[tuple[int, ...], flo
     return found
 
 
-@pytest.fixture
-def results_folder(toys: str, tmp_path: Path) -> Path:
-    run(
-        tmp_path / "results",
-        "method=gain,left_half,middle",
-        "left_half.stop=0.75",
-        multirun=True,
-    )
-    return tmp_path / "results"
-
-
-def test_no_picture_shows_holes(
-    bench: Callable[..., Any], results_folder: Path, tmp_path: Path
-):
+def test_no_picture_shows_holes(bench: Callable[..., Any], toys: str, tmp_path: Path):
+    made = tmp_path / "results"
+    run(made, "method=gain,left_half,middle", "left_half.stop=0.75", multirun=True)
     asked = ("study", "results", "--methods", "gain,left_half,middle", "--out")
     assert bench(*asked, "common.html").returncode == 0
-    common = first_view(results_folder, tmp_path / "common.html")
+    common = first_view(made, tmp_path / "common.html")
     assert len(common) == 3
     assert len(set(common.values())) == 1
     assert bench(*asked, "own.html", "--pixels", "own").returncode == 0
-    own = first_view(results_folder, tmp_path / "own.html")
+    own = first_view(made, tmp_path / "own.html")
     assert common["gain"][1] == own["gain"][1] == 0 < own["left_half"][1]
     assert common["gain"][0][1] < own["gain"][0][1]  # cropped
 
@@ -54,15 +42,9 @@ def test_no_picture_shows_holes(
 def test_a_method_that_fills_next_to_nothing_is_left_out_and_named(
     bench: Callable[..., Any], toys: str, tmp_path: Path
 ):
-    run(
-        tmp_path / "results",
-        "method=gain,left_half,middle",
-        "left_half.stop=0.1",
-        multirun=True,
-    )
-    made = bench(
-        "study", "results", "--methods", "gain,left_half,middle", "--out", "study.html"
-    )
+    methods = "gain,left_half,middle"
+    run(tmp_path / "results", f"method={methods}", "left_half.stop=0.1", multirun=True)
+    made = bench("study", "results", "--methods", methods, "--out", "study.html")
     assert made.returncode == 0
     assert "left_half" in made.stdout
     assert set(first_view(tmp_path / "results", tmp_path / "study.html")) == {"gain", "middle"}

@@ -26,25 +26,21 @@ def voted(
     return Votes(len(true), first, second, won, view, observer)
 
 
+def of_two(won: list[float], n_observers: int = 1) -> Votes:
+    """Votes on two methods in one view: 1 for the first, 0 for the second, by observers in turn."""
+    none = np.zeros(len(won), int)
+    return Votes(2, none, none + 1, np.array(won), none, np.arange(len(won)) % n_observers)
+
+
 def test_of_two_methods_the_score_is_the_log_odds_of_the_votes():
-    won = np.array([1.0] * 75 + [0.0] * 25)
-    none = np.zeros(100, int)
-    low, high = fit(Votes(2, none, none + 1, won, none, none))[::-1]
+    low, high = fit(of_two([1.0] * 75 + [0.0] * 25))[::-1]
     # with half a vote more each way
     assert high - low == pytest.approx(np.log(75.5 / 25.5), abs=0.001)
     assert high + low == pytest.approx(0)
 
 
 def test_ties_draw_scores_together():
-    none = np.zeros(40, int)
-    few, many = (
-        fit(
-            Votes(
-                2, none, none + 1, np.array([1.0] * 20 + [0.0] * 5 + [0.5] * ties), none, none
-            )
-        )[0]
-        for none, ties in ((none[:27], 2), (none, 15))
-    )
+    few, many = (fit(of_two([1.0] * 20 + [0.0] * 5 + [0.5] * ties))[0] for ties in (2, 15))
     assert 0 < many < few
 
 
@@ -75,10 +71,7 @@ def test_intervals_hold_the_true_scores_in_95_percent_of_studies():
     ],
 )
 def test_intervals_need_30_votes_of_6_people(won: list[float], n_observers: int, want: str):
-    none = np.zeros(len(won), int)
-    found = preferences(
-        Votes(2, none, none + 1, np.array(won), none, np.arange(len(won)) % n_observers), 20
-    )
+    found = preferences(of_two(won, n_observers), 20)
     assert want in found.want
     assert bool(found.want) == bool(want)
     assert np.isfinite([*found.low, *found.high, *found.difference(0, 1)[1:]]).all() != bool(
@@ -88,10 +81,7 @@ def test_intervals_need_30_votes_of_6_people(won: list[float], n_observers: int,
 
 def test_votes_that_all_agree_have_the_interval_of_firths_method():
     """30 of 30: log(30.5 / 0.5), and the variance 1 / 30.5 + 1 / 0.5 of a log-odds (Firth 1993, Haldane 1956)."""
-    none = np.zeros(30, int)
-    gap, low, high = preferences(
-        Votes(2, none, none + 1, np.ones(30), none, np.arange(30) % 6), 20
-    ).difference(0, 1)
+    gap, low, high = preferences(of_two([1.0] * 30, 6), 20).difference(0, 1)
     assert gap == pytest.approx(np.log(61), abs=1e-4)
     assert (high - low) / 2 == pytest.approx(1.96 * np.sqrt(1 / 30.5 + 2), abs=1e-3)
     assert low > 0
@@ -127,21 +117,18 @@ def test_agreement_does_not_depend_on_which_method_is_called_first():
     pairs, none = np.tile(np.arange(10), 2), np.zeros(20, int)
     won = np.array([1.0] * 10 + [1.0] * 9 + [0.0])
     observers = np.repeat([0, 1], 10)
-    alphas = []
-    for first, second, mine in (
-        (none, none + 1, won),
-        (none + 1, none, won),
-        (none, none + 1, 1 - won),
-    ):
-        found = observer_agreement(Votes(2, first, second, mine, pairs, observers))
-        alphas.append(found.alpha)
-        assert found.n == 10
-    assert (
-        alphas[0]
-        == pytest.approx(alphas[1])
-        == pytest.approx(alphas[2])
-        == pytest.approx(0.8, abs=0.02)
+    first, *others = (
+        observer_agreement(Votes(2, one, other, mine, pairs, observers))
+        for one, other, mine in (
+            (none, none + 1, won),
+            (none + 1, none, won),
+            (none, none + 1, 1 - won),
+        )
     )
+    assert first.n == 10
+    assert first.alpha == pytest.approx(0.8, abs=0.02)
+    for other in others:
+        assert (other.n, other.alpha) == pytest.approx((first.n, first.alpha))
 
 
 def test_tau_counts_pairs_in_order():

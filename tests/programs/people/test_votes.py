@@ -120,20 +120,16 @@ def test_few_votes_make_no_lead_and_no_interval(
 def test_a_vote_counts_once(bench: Bench, study: dict[str, Any], tmp_path: Path):
     """An observer saves after ten votes, and again after twelve."""
     early, late = ([vote(study, n) for n in range(count)] for count in (10, 12))
-    files = [
-        write(tmp_path / name, study, votes)
-        for name, votes in (("a.json", early), ("b.json", late))
-    ]
-    told, said = evaluated(bench, *files)
+    first = write(tmp_path / "a.json", study, early)
+    told, said = evaluated(bench, first, write(tmp_path / "b.json", study, late))
     assert told["votes"] == 12
     assert "10 votes" in said
     contradicting = write(tmp_path / "c.json", study, [vote(study, 0, choice="right")])
-    told, said = evaluated(bench, files[0], contradicting)
+    told, said = evaluated(bench, first, contradicting)
     assert told["votes"] == 10
     assert "contradict" in said
-    told, _ = evaluated(
-        bench, files[0], write(tmp_path / "d.json", study, early, observer="o2")
-    )
+    other = write(tmp_path / "d.json", study, early, observer="o2")
+    told, _ = evaluated(bench, first, other)
     assert (told["votes"], told["observers"]) == (20, 2)
 
 
@@ -177,11 +173,7 @@ def test_files_that_hold_no_votes_are_named(
 
 
 def test_votes_of_another_study_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
-    done = bench(
-        "study",
-        "results",
-        "--votes",
-        write(tmp_path / "a.json", {**study, "study": "0000abcd"}, [vote(study, 0)]),
-    )
+    file = write(tmp_path / "a.json", {**study, "study": "0000abcd"}, [vote(study, 0)])
+    done = bench("study", "results", "--votes", file)
     assert done.returncode == 2
     assert "0000abcd" in done.stderr

@@ -55,23 +55,12 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     flip = np.diag([1.0, -1, -1, 1])
     frames = []
     for i, pose in enumerate(USED):
-        write(root / "photos" / f"{i}.png", photograph(pose))
-        frames.append(
-            {
-                "file_path": f"photos/{i}.png",
-                "transform_matrix": (np.linalg.inv(pose) @ flip).tolist(),
-            }
-        )
+        name, matrix = f"photos/{i}.png", np.linalg.inv(pose) @ flip
+        write(root / name, photograph(pose))
+        frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
     (fx, _, cx), (_, fy, cy) = CAMERA.K[:2].tolist()
-    camera = {
-        "fl_x": fx,
-        "fl_y": fy,
-        "cx": cx,
-        "cy": cy,
-        "w": WIDTH,
-        "h": HEIGHT,
-        "k1": DISTORTION[0],
-    }
+    camera = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": WIDTH, "h": HEIGHT}
+    camera["k1"] = DISTORTION[0]
     (root / "transforms.json").write_text(json.dumps(camera | {"frames": frames}))
     x, y = np.meshgrid(np.linspace(-6, 8, 281), np.linspace(-6, 8, 281))
     z = ((1 - x[..., None] * PLANES[:, 0] - y[..., None] * PLANES[:, 1]) / PLANES[:, 2]).min(

@@ -37,15 +37,10 @@ from sucre_bench.programs.prepare.surface import fused
     [
         ((), r"no photos; .*two"),
         (("a.png",), r"one photo; .*two"),
-        (("a.png", "text.jpg"), r"one photo .*\(text\.jpg .*image\); .*two"),
-        (
-            ("cut.jpg", "text.png"),
-            r"no photos .*\(cut\.jpg .*truncated.*; text\.png .*\); .*two",
-        ),
         (("a.png", "cut.png"), r"one photo .*\(cut\.png .*cut.*\); .*two"),
         (
-            ("cut.png", "cut.jpg", "cut 2.jpg"),
-            r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two",
+            ("cut.jpg", "text.jpg", "text.png"),
+            r"no photos .*\(cut\.jpg .*truncated.*; text\.jpg .*image.*; text\.png .*\); .*two",
         ),
     ],
 )
@@ -80,10 +75,7 @@ def test_photos_in_the_way_of_the_result_are_left_alone(tmp_path: Path, out: str
         write(tmp_path / "images" / name, photograph(POSES[0]))
     with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / out))}: "):
         prepare(tmp_path / "images", tmp_path / out)
-    assert sorted(path.name for path in (tmp_path / "images").glob("*.png")) == [
-        "a.png",
-        "b.png",
-    ]
+    assert len(list((tmp_path / "images").glob("*.png"))) == 2
 
 
 def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
@@ -107,36 +99,21 @@ def test_masks_among_the_photos_are_no_photos_and_bitmaps_are(tmp_path: Path):
 def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path: Path):
     random = np.random.default_rng(0)
     places = random.uniform(-1, 1, (12, 3))
-    down = np.array([0.6, 0.0, 0.8])
-    depths = 7 + 1.7 * places @ down  # a unit is 1.7 m
-    write_track(tmp_path / "track.csv", depths)
-    found = find_scale(
-        known_scale(depth_track=tmp_path / "track.csv"),
-        make_shots(places),
-        same_names(12),
-        no_depth,
+    assert scale_of(places, tmp_path / "track.csv").metres_per_unit == pytest.approx(
+        1.7, rel=1e-6
     )
-    assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
     # what the depths tell of the direction they do not leave in is noise
-    flat = places * [
-        1,
-        1,
-        0.001,
-    ]
-    write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
     with pytest.raises(InputError, match=r"flat\.csv: .*cameras .*\d %"):
-        find_scale(
-            known_scale(depth_track=tmp_path / "flat.csv"),
-            make_shots(flat),
-            same_names(12),
-            no_depth,
-        )
+        scale_of(places * [1, 1, 0.001], tmp_path / "flat.csv")
 
 
-def write_track(path: Path, depths: Array) -> None:
-    path.write_text(
-        "image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths))
-    )
+def scale_of(places: Array, track: Path) -> Scale:
+    """The scale that a depth track gives cameras at these places, where a unit is 1.7 m."""
+    depths = 7 + 1.7 * places @ [0.6, 0.0, 0.8]
+    rows = [f"{i}.png,{depth:.6f}" for i, depth in enumerate(depths)]
+    track.write_text("\n".join(["image,depth", *rows]))
+    known = known_scale(depth_track=track)
+    return find_scale(known, make_shots(places), same_names(len(places)), no_depth)
 
 
 def same_names(count: int) -> dict[str, str]:
@@ -198,16 +175,11 @@ def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_a
 
 
 def test_specks_that_match_by_chance_are_no_depth_and_thin_things_are():
-    shot, swept = (
-        make_shots(np.zeros((1, 3)))[0],
-        np.zeros((CAMERA.height, CAMERA.width), np.float32),
-    )
-    # ground with a false pixel, and a rope
-    swept[20:60, 20:60], swept[30, 30], swept[80, 20:40] = (
-        2,
-        5,
-        3,
-    )
+    (shot,) = make_shots(np.zeros((1, 3)))
+    swept = np.zeros((CAMERA.height, CAMERA.width), np.float32)
+    swept[20:60, 20:60] = 2  # ground
+    swept[30, 30] = 5  # a false pixel
+    swept[80, 20:40] = 3  # a rope
     swept[100:103, 100:103] = 4  # open water that looks alike
     wanted = np.where(swept <= 3, swept, 0)
     assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(
@@ -229,19 +201,9 @@ def test_depth_maps_keep_depths_that_millimetres_cannot(
 
 def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
     depth = np.array([[1.0, 2], [3, 0]], np.float32)
-    xy = np.array(
-        [
-            [0, 0],
-            [1.99, 0.5],
-            [0.5, 1],
-            [1.5, 1.5],
-            [2, 0],
-            [-0.01, 0],
-            [0, 2],
-            [np.nan, np.nan],
-        ]
-    )
-    assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
+    inside = [[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5]]
+    outside = [[2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]]
+    assert depth_at(depth, np.array(inside + outside)).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
 
 
 def test_neighbours_together_see_all_parts_of_a_photo():
