@@ -181,9 +181,7 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "there", "named"),
     [
-        (lambda root: Photos(root, reference="truth"), ["a.png"], "truth"),
         (Photos, ["a.png", "reference/b.png"], "a.png"),
-        (lambda root: Photos(root, charts="marked.json"), ["a.png"], "marked.json"),
         (Uieb, ["raw-890/1.png"], "reference-890"),
         (Uieb, ["raw-890/1.png", "reference-890/2.png"], "reference-890"),
         (
