@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from support.forward_model import in_water
 from support.two_views import carried
 
 from sucre_bench.arrays import Array
@@ -35,12 +36,9 @@ def scene_of(nature: Nature) -> Scene:
 def test_the_photograph_is_the_reference_in_the_stated_water(exact: Nature):
     """I = J exp(-beta z) + B (1 - exp(-gamma z)), up to what the mean over a pixel's rays does at depth edges."""
     scene = scene_of(exact)
-    water = scene.water
-    assert water is not None
+    assert scene.water is not None
     for view in scene:
-        z = np.asarray(view.distance)[..., None]
-        made = view.reference * np.exp(-water.attenuation * z)
-        made = made + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        made = in_water(view.reference, view.distance, scene.water)
         off = np.abs(made - view.rgb)[view.valid]
         assert np.median(off) < 1e-3
         assert np.quantile(off, 0.95) < 0.02
