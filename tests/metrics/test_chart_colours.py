@@ -49,16 +49,6 @@ def test_ciede2000_reproduces_the_published_pairs(a: Array, b: Array, published:
     )
 
 
-def test_angles_by_hand() -> None:
-    a = np.array([[1.0, 0, 0], [1, 1, 1], [1, 1, 0], [0.3, 0.6, 0.9], [0, 0, 0]])
-    b = np.array([[0, 1.0, 0], [1, 0, 0], [0, 1, 1], [0.1, 0.2, 0.3], [1, 1, 1]])
-    found = angle_deg(a, b)
-    np.testing.assert_allclose(
-        found[:4], [90, np.degrees(np.arccos(3**-0.5)), 60, 0], atol=2e-6
-    )
-    assert np.isnan(found[4]), "black has no direction"
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
