@@ -70,11 +70,8 @@ def test_a_half_written_folder_is_made_anew(tmp_path: Path) -> None:
     scene = next(iter(demo.scenes()))
     assert len(scene) == 2
     assert scene["view_000.png"].rgb.shape == (120, 160, 3)
-    assert shown_in(tmp_path) == [whole.name]  # nothing is left beside it
-
-
-def shown_in(folder: Path) -> list[str]:
-    return [path.name for path in folder.iterdir() if not path.name.startswith(".")]
+    left = [path.name for path in tmp_path.iterdir() if not path.name.startswith(".")]
+    assert left == [whole.name]
 
 
 # -- geometry ------------------------------------------------------------------------------------------------

@@ -88,11 +88,7 @@ def test_a_known_point_is_seen_where_it_is_in_both_views(
 
 def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    ids = {
-        load(tmp_path).data_id,
-        load(tmp_path).data_id,
-        load(tmp_path, metres_per_unit=1.0).data_id,
-    }
+    ids = {load(tmp_path).data_id, load(tmp_path, metres_per_unit=1.0).data_id}
     path = tmp_path / "depth0000.dmap"
     path.write_bytes(path.read_bytes()[:-4] + b"\1\1\1\1")
     assert len(ids | {load(tmp_path).data_id}) == 3

@@ -163,20 +163,21 @@ def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path) ->
     ]
 
 
-@pytest.mark.parametrize("change", ["metres", "upright K", "no size"])
-def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -> None:
-    stereo = dict(STEREO)
-    if change == "metres":
-        stereo["CameraParameters1"] = LEFT | {"WorldUnits": "m"}
-        stereo["TranslationOfCamera2"] = np.array(TRANSLATION) / 1000
-    elif change == "upright K":
-        stereo["CameraParameters2"] = {"K": np.array(RIGHT["IntrinsicMatrix"]).T}
-        stereo["CameraParameters2"]["ImageSize"] = RIGHT["ImageSize"]
-    if change != "no size":
-        check_pair(load(write_site(tmp_path, stereo=stereo)))
-        return
-    stereo["CameraParameters2"] = RIGHT | {"ImageSize": np.zeros((0, 0))}
-    right = load(write_site(tmp_path, stereo=stereo)).views[1]
+IN_METRES = {
+    "CameraParameters1": LEFT | {"WorldUnits": "m"},
+    "TranslationOfCamera2": np.array(TRANSLATION) / 1000,
+}
+UPRIGHT = {"K": np.array(RIGHT["IntrinsicMatrix"]).T, "ImageSize": RIGHT["ImageSize"]}
+
+
+@pytest.mark.parametrize("change", [IN_METRES, {"CameraParameters2": UPRIGHT}])
+def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: Any) -> None:
+    check_pair(load(write_site(tmp_path, stereo=STEREO | change)))
+
+
+def test_a_calibration_without_a_size_is_of_the_released_images(tmp_path: Path) -> None:
+    sizeless = {"CameraParameters2": RIGHT | {"ImageSize": np.zeros((0, 0))}}
+    right = load(write_site(tmp_path, stereo=STEREO | sizeless)).views[1]
     with pytest.raises(InputError, match="is 40x30, its camera 2737x1827"):
         _ = right.rgb
 

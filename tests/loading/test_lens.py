@@ -112,14 +112,7 @@ def test_a_wide_lens_with_corners_that_nothing_images_still_has_a_pinhole(
     assert lens.pinhole.K[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("model", "k"), [("perspective", BROWN), ("fisheye", FISHEYE)])
-def test_rays_lead_back_to_their_pixels_and_there_are_none_where_the_lens_images_nothing(
-    model: Any, k: tuple[float, ...]
-):
-    pixels = np.random.default_rng(0).random((50, 2)) * (640, 480)
-    np.testing.assert_allclose(
-        project(Lens(CAMERA, model, k).rays(pixels), model, (*k, 0.0)), pixels, atol=1e-6
-    )
+def test_there_is_no_ray_where_the_lens_images_nothing():
     no_further = Lens(CAMERA, "perspective", (-0.35,)).rays(
         np.array([[330.0, 236.0], [330.0 + 420 * 0.8, 236.0]])
     )

@@ -79,22 +79,17 @@ def test_every_chart_and_every_patch_has_a_score_and_the_chart_is_the_mean() -> 
     assert "near/7-red" in scores(Psi(), shown, "colour", charts=charts)
 
 
-def blanked(colour: float) -> tuple[dict[str, Score], dict[str, Score]]:
-    """Scores of a chart with every patch tinted, before and after the red one is lost to `colour`."""
+@pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
+def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(
+    colour: float,
+) -> None:
     kind = chart_kind("dgk")
     shown = painted(kind, TILTED)
     red = np.isclose(shown, kind.patches[6].srgb).all(axis=-1)
     shown = shown * np.float32([0.5, 1, 1])
     whole = scores(Psi(), shown, "colour")
     shown[red] = colour
-    return whole, scores(Psi(), shown, "colour")
-
-
-@pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
-def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(
-    colour: float,
-) -> None:
-    whole, holed = blanked(colour)
+    holed = scores(Psi(), shown, "colour")
     others = [s.value for region, s in whole.items() if region not in ("c", "c/7-red")]
     assert holed["c"].value == pytest.approx(np.mean(others))
     assert abs(holed["c"].value - whole["c"].value) > 0.1

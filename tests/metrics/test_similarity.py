@@ -138,10 +138,6 @@ def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked
         assert 0 < first.coverage < 0.7
 
 
-def test_an_image_smaller_than_the_window_has_no_ssim() -> None:
-    assert np.isnan(score(Ssim(), "gaussian", SHOWN[:10], REFERENCE[:10]).value)
-
-
 @pytest.mark.parametrize("metric", [Psnr(), Ssim(), Colours(), ColoursDe00()])
 def test_a_view_without_a_reference_has_no_score(metric: Any) -> None:
     view = View("a.png", Arrays(SHOWN))
