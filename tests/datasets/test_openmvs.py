@@ -105,6 +105,10 @@ def other_bytes(offset: int, layout: str, *values: object) -> Change:
 
 # The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
 SCENE: dict[str, tuple[Change, list[str]]] = {
+    "another format": (
+        other_bytes(0, "2s", b"DX"),
+        ["depth0000.dmap: cannot be read", "Densify"],
+    ),
     "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
     "a huge depth map": (
         other_bytes(4, "4I", *[2**31] * 4),
