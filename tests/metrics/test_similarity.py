@@ -138,6 +138,13 @@ def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked
         assert 0 < first.coverage < 0.7
 
 
+@pytest.mark.parametrize("metric", [Psnr(), Ssim()])
+def test_nothing_restored_is_nan_with_coverage_0(metric: Psnr | Ssim) -> None:
+    found = score(metric, metric.__plugin__.default[0], np.full_like(SHOWN, np.nan))
+    assert np.isnan(found.value)
+    assert (found.n_pixels, found.coverage) == (0, 0)
+
+
 @pytest.mark.parametrize("metric", [Psnr(), Ssim(), Colours(), ColoursDe00()])
 def test_a_view_without_a_reference_has_no_score(metric: Any) -> None:
     view = View("a.png", Arrays(SHOWN))

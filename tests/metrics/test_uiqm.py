@@ -270,3 +270,16 @@ def test_what_a_pixel_without_a_colour_still_holds_moves_nothing(variant: str) -
     for metric in (Uiqm(), *PARTS):
         if variant in metric.__plugin__.variants:
             assert score(shown, variant, metric) == score(other, variant, metric)
+
+
+@pytest.mark.parametrize("shape", [(5, 50, 3), (40, 40, 3)])
+@pytest.mark.parametrize("variant", ["panetta2016", "matlab"])
+def test_a_picture_without_a_whole_block_is_nan_with_coverage_0(
+    shape: tuple[int, int, int], variant: str
+) -> None:
+    shown = np.full(shape, 0.5, np.float32)
+    shown[::5, ::5] = np.nan
+    for metric in (Uiqm(), Uism(), Uiconm()):
+        found = score(shown, variant, metric)
+        assert np.isnan(found.value)
+        assert found.coverage == 0
