@@ -22,7 +22,7 @@ from support.colmap_folder import (
     write_model,
 )
 from support.messages import Lines
-from support.miniatures import Change, loader, one_line
+from support.miniatures import Change, loader, one_line, scene_fault_test, view_fault_test
 
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.machine.progress import watched_by
@@ -68,10 +68,6 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "no sparse": (
         lambda root: shutil.rmtree(root / "sparse"),
         ["sparse: no such folder", "cameras.bin"],
-    ),
-    "empty sparse": (
-        lambda root: (root / "sparse/images.txt").unlink(),
-        ["sparse: holds no COLMAP model"],
     ),
     "no registered image": (images(), ["images.txt: no image is registered", "mapper"]),
     "distorted": (
@@ -153,21 +149,9 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
 }
 
 
-@pytest.mark.parametrize(("change", "parts"), DATASET.values(), ids=list(DATASET))
-def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(
-    tmp_path: Path, change: Change, parts: list[str]
-):
-    root = write_dive(tmp_path / "dive")
-    change(root)
-    with one_line(str(root), *parts):
-        load(root)
-
-
-@pytest.mark.parametrize("option", ["depths", "reference", "charts"])
-def test_a_folder_that_was_asked_for_must_be_there(tmp_path: Path, option: str) -> None:
-    write_dive(tmp_path)
-    with one_line(str(tmp_path / "misspelt"), f"dataset.{option}=misspelt"):
-        load(tmp_path, **{option: "misspelt"})
+test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy = scene_fault_test(
+    write_dive, load, DATASET
+)
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
@@ -249,25 +233,12 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
         depth_npy(1000 * METRES),
         ["depth_a.npy: depth up to 2500 m", "divide by 1000"],
     ),
-    "depth of another shape": (
-        "depth",
-        depth_npy(METRES[:20]),
-        ["depth_a.npy", "40x20", "a size that cannot match"],
-    ),
 }
 
 
-@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
-    tmp_path: Path, plane: str, change: Change, parts: list[str]
-) -> None:
-    root = write_dive(tmp_path / "dive")
-    write_image(root / "reference/b.png", picture(1))
-    change(root)
-    scene = load(root)
-    with one_line(str(root), *parts):
-        getattr(scene["a.png"], plane)
-    assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
+test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on = view_fault_test(
+    write_dive, load, VIEW
+)
 
 
 @pytest.mark.parametrize(("missing", "views"), [(4, 6), (101, 3)])

@@ -73,7 +73,6 @@ def test_images_of_the_global_model_are_found_in_their_years(
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     for change, options, parts in [
         (lambda: write_year(tmp_path), {"year": "2016"}, ["2016/sfm: ", "folder"]),
-        (lambda: None, {"depths": "maps"}, ["2015/maps: ", "folder"]),
         (
             lambda: shutil.rmtree(tmp_path / "2015" / "images"),
             {},

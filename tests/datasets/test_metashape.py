@@ -21,8 +21,6 @@ from support.miniatures import (
     Change,
     camera_xml,
     check_both,
-    check_scene_fault,
-    check_view_fault,
     chunk_xml,
     cut,
     disk_depth,
@@ -30,7 +28,9 @@ from support.miniatures import (
     loader,
     one_line,
     pose_of,
+    scene_fault_test,
     seen,
+    view_fault_test,
     write_spot,
     write_survey,
 )
@@ -263,12 +263,9 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
 }
 
 
-@pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
-def test_a_fault_of_the_scene_is_one_line_about_the_file(
-    tmp_path: Path, change: Change, parts: list[str]
-) -> None:
-    change(write_survey(tmp_path))
-    check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
+test_a_fault_of_the_scene_is_one_line_about_the_file = scene_fault_test(
+    write_survey, load, SCENE
+)
 
 
 @pytest.mark.parametrize("name", ["project.zip", "3/chunk.zip", "3/0/frame.zip"])
@@ -360,11 +357,4 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
 }
 
 
-@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_leaves_the_other(
-    tmp_path: Path, plane: str, change: Change, parts: list[str]
-) -> None:
-    change(write_survey(tmp_path))
-    views = {view.name: view for view in load(tmp_path)}
-    good = views.pop("DSC_1.png")
-    check_view_fault(next(iter(views.values())), good, plane, tmp_path, parts)
+test_a_fault_of_one_view_leaves_the_other = view_fault_test(write_survey, load, VIEW)

@@ -6,10 +6,11 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from support.forward_model import in_water
 from support.two_views import carried
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import distance_map
+from sucre_bench.camera import distance_map, moved, project, relative_pose, unproject
 from sucre_bench.datasets.nature import Nature
 from sucre_bench.datasets.nature.conditions import Name
 from sucre_bench.scene import Scene
@@ -35,12 +36,9 @@ def scene_of(nature: Nature) -> Scene:
 def test_the_photograph_is_the_reference_in_the_stated_water(exact: Nature):
     """I = J exp(-beta z) + B (1 - exp(-gamma z)), up to what the mean over a pixel's rays does at depth edges."""
     scene = scene_of(exact)
-    water = scene.water
-    assert water is not None
+    assert scene.water is not None
     for view in scene:
-        z = np.asarray(view.distance)[..., None]
-        made = view.reference * np.exp(-water.attenuation * z)
-        made = made + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        made = in_water(view.reference, view.distance, scene.water)
         off = np.abs(made - view.rgb)[view.valid]
         assert np.median(off) < 1e-3
         assert np.quantile(off, 0.95) < 0.02
@@ -104,12 +102,9 @@ def test_poses_drift_by_the_pixels_that_are_said(
     moves = []
     for pose, depth, view in zip(true["pose"], true["depth"], given, strict=True):
         z = np.median(depth[depth > 0])
-        in_camera = np.linalg.inv(view.camera.K) @ (32, 24, 1) * z
-        world = pose[:3, :3].T @ (in_camera - pose[:3, 3])
-        there = view.camera.K @ (
-            view.cam_from_world[:3, :3] @ world + view.cam_from_world[:3, 3]
-        )
-        moves.append(there[:2] / there[2] - (32, 24))
+        point = unproject(view.camera, 32, 24, z)
+        there, _ = project(view.camera, moved(point, relative_pose(view.cam_from_world, pose)))
+        moves.append(there - (32, 24))
     move = np.array(moves)
     assert np.sqrt((move**2).sum(axis=1).mean()) == pytest.approx(px, rel=0.1)
     steps = np.diff(move, axis=0)

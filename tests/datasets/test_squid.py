@@ -91,6 +91,8 @@ OBJECT = base64.b64decode(
 
 
 load = loader(Squid)
+CORNERS = [[4, 4], [16, 4], [16, 12], [4, 12]]
+CHARTS = json.dumps({"images": {"RGT_4011resizedUndistort.tif": {"near": CORNERS}}})
 
 
 def seen(scene: Scene) -> list[tuple[Array, float]]:
@@ -136,9 +138,7 @@ def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> 
     shutil.copytree(
         tmp_path / "Satil", tmp_path / "Katzaa", ignore=shutil.ignore_patterns("image_set_02")
     )
-    corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
-    charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
-    (tmp_path / "Satil/image_set_02/charts.json").write_text(json.dumps(charts))
+    (tmp_path / "Satil/image_set_02/charts.json").write_text(CHARTS)
     scenes = list(Squid(tmp_path, image_scale=0.5).scenes())
     assert [scene.name for scene in scenes] == [
         "Katzaa_image_set_01",
@@ -146,21 +146,15 @@ def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> 
         "Satil_image_set_02",
     ]
     assert ["charts" in scene.has for scene in scenes] == [False, False, True]
-    np.testing.assert_array_equal(scenes[2].views[1].charts[0].corners, np.array(corners) / 2)
+    np.testing.assert_array_equal(scenes[2].views[1].charts[0].corners, np.array(CORNERS) / 2)
     assert len({scene.data_id for scene in scenes}) == 2, "Satil's second set differs"
 
 
-@pytest.mark.parametrize("given", ["mine.json", "folder"])
-def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(
-    tmp_path: Path, given: str
-) -> None:
+def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path) -> None:
     write_site(tmp_path, ("image_set_01", "image_set_02"))
-    (tmp_path / "image_set_01" / "folder").mkdir()
-    with pytest.raises(InputError, match=rf"image_set_01/{given}: .*dataset\.charts={given}"):
-        list(Squid(tmp_path, charts=given).scenes())
-    corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
-    charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
-    (tmp_path / "image_set_02" / "mine.json").write_text(json.dumps(charts))
+    with pytest.raises(InputError, match=r"image_set_01/mine\.json: .*dataset\.charts=mine"):
+        list(Squid(tmp_path, charts="mine.json").scenes())
+    (tmp_path / "image_set_02" / "mine.json").write_text(CHARTS)
     assert [
         "charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()
     ] == [
@@ -169,20 +163,21 @@ def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(
     ]
 
 
-@pytest.mark.parametrize("change", ["metres", "upright K", "no size"])
-def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -> None:
-    stereo = dict(STEREO)
-    if change == "metres":
-        stereo["CameraParameters1"] = LEFT | {"WorldUnits": "m"}
-        stereo["TranslationOfCamera2"] = np.array(TRANSLATION) / 1000
-    elif change == "upright K":
-        stereo["CameraParameters2"] = {"K": np.array(RIGHT["IntrinsicMatrix"]).T}
-        stereo["CameraParameters2"]["ImageSize"] = RIGHT["ImageSize"]
-    if change != "no size":
-        check_pair(load(write_site(tmp_path, stereo=stereo)))
-        return
-    stereo["CameraParameters2"] = RIGHT | {"ImageSize": np.zeros((0, 0))}
-    right = load(write_site(tmp_path, stereo=stereo)).views[1]
+IN_METRES = {
+    "CameraParameters1": LEFT | {"WorldUnits": "m"},
+    "TranslationOfCamera2": np.array(TRANSLATION) / 1000,
+}
+UPRIGHT = {"K": np.array(RIGHT["IntrinsicMatrix"]).T, "ImageSize": RIGHT["ImageSize"]}
+
+
+@pytest.mark.parametrize("change", [IN_METRES, {"CameraParameters2": UPRIGHT}])
+def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: Any) -> None:
+    check_pair(load(write_site(tmp_path, stereo=STEREO | change)))
+
+
+def test_a_calibration_without_a_size_is_of_the_released_images(tmp_path: Path) -> None:
+    sizeless = {"CameraParameters2": RIGHT | {"ImageSize": np.zeros((0, 0))}}
+    right = load(write_site(tmp_path, stereo=STEREO | sizeless)).views[1]
     with pytest.raises(InputError, match="is 40x30, its camera 2737x1827"):
         _ = right.rgb
 
@@ -213,7 +208,6 @@ def test_a_calibration_saved_as_an_object_is_read_with_mat_io(
 
 
 def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
     write_site(
         tmp_path,
         stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"},
@@ -224,30 +218,16 @@ def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     scipy.io.savemat(path, {"stereoParams": STEREO | {"RotationOfCamera2": 2 * np.eye(3)}})
     with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*rotation"):
         load(tmp_path)
-    path.unlink()
-    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*download"):
-        load(tmp_path)
-    with pytest.raises(InputError, match="image_set_NN"):
-        load(tmp_path / "empty")
 
 
 def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> None:
     folder = write_site(tmp_path) / "image_set_01"
-    (folder / "LFT_4007resizedUndistort.tif").unlink()
     maps = scipy.io.loadmat(folder / "distanceFromCamera.mat")
     scipy.io.savemat(folder / "distanceFromCamera.mat", {"dist_map_r": maps["dist_map_r"]})
     left, right = load(tmp_path)
-    with pytest.raises(InputError, match=r"LFT_4007resizedUndistort\.tif: "):
-        _ = left.rgb
     with pytest.raises(InputError, match=r"distanceFromCamera\.mat: .* dist_map_l"):
         _ = left.depth
-    assert right.rgb.shape == (HEIGHT, WIDTH, 3)
     assert right.depth.max() > 8
-    (folder / "distanceFromCamera.mat").write_bytes(
-        (folder / "distanceFromCamera.mat").read_bytes()[:300]
-    )
-    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: .*MATLAB"):
-        _ = load(tmp_path).views[1].depth
     (folder / "distanceFromCamera.mat").unlink()
     scene = load(tmp_path)
     assert (sorted(scene.has), scene.views[1].has_depth) == (["poses"], False)

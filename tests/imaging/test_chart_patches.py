@@ -11,7 +11,7 @@ from support.messages import names
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.chart_kinds import KINDS, ChartKind, chart_kind, kind_id
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind, kind_id
 from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.imaging.cielab import colour_science
 from sucre_bench.loading.charts_file import read_charts
@@ -32,11 +32,12 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
     assert sum(p.is_chromatic for p in ours) == 18
 
 
-@pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("name", [*KINDS, "colorchecker_sg"])
 @pytest.mark.parametrize("turn", range(4))
-def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
+def test_a_painted_chart_is_read_back_however_it_lies(name: str, turn: int) -> None:
+    kind = chart_kind(name)
     corners = np.roll(TILTED, turn, axis=0)
-    readings = measure(painted(kind, corners), Chart("c", kind.name, corners))
+    readings = measure(painted(kind, corners), Chart("c", name, corners))
     assert [r.patch for r in readings] == list(kind.patches)
     np.testing.assert_allclose(
         [r.rgb for r in readings], [r.patch.srgb for r in readings], atol=1e-6
@@ -109,10 +110,6 @@ def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray()
         assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(
             *classic[k][1:]
         ), "of one hue"
-    readings = measure(painted(sg, TILTED, (300, 420)), Chart("c", "colorchecker_sg", TILTED))
-    np.testing.assert_allclose(
-        [r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6
-    )
 
 
 OWN = """# illuminant: {illuminant}

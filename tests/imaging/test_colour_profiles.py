@@ -30,41 +30,23 @@ _TABLE = b"curv" + struct.pack(
 )
 
 
-def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
-    def xyz(numbers: tuple[float, ...]) -> bytes:
-        return b"XYZ \0\0\0\0" + b"".join(struct.pack(">i", round(x * 65536)) for x in numbers)
+SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
+
+def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes) -> bytes:
+    """The profile of sRGB with another name, other primaries and curves, which are put at its end."""
     text = b"Deep Sea RGB\0"
-    tags = [(f"{c}XYZ".encode(), xyz(p)) for c, p in zip("rgb", primaries, strict=True)]
-    tags += [(f"{c}TRC".encode(), curve) for c in "rgbk"] + [
-        (b"wtpt", xyz((0.9642, 1, 0.8249)))
-    ]
-    tags += [(b"desc", b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(79))]
-    body = b""
-    table = b""
-    for name, tag in tags:
-        table += name + struct.pack(">II", 132 + 12 * len(tags) + len(body), len(tag))
-        body += tag + bytes(-len(tag) % 4)
-    size = struct.pack(">I", 132 + len(table) + len(body))
-    about = (
-        b"\x02\x40\0\0mntr"
-        + b"RGB "
-        + b"XYZ "
-        + struct.pack(">6H", 2026, 1, 1, 0, 0, 0)
-        + b"acsp"
-        + bytes(28)
-    )
-    white = b"".join(struct.pack(">i", round(x * 65536)) for x in (0.9642, 1, 0.8249))
-    return (
-        size
-        + bytes(4)
-        + about
-        + white
-        + bytes(48)
-        + struct.pack(">I", len(tags))
-        + table
-        + body
-    )
+    tags = {b"desc": b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(79)}
+    for channel, colour in zip("rgb", primaries, strict=True):
+        numbers = struct.pack(">3i", *(round(x * 65536) for x in colour))
+        tags[f"{channel}XYZ".encode()] = b"XYZ \0\0\0\0" + numbers
+        tags[f"{channel}TRC".encode()] = curve
+    profile = SRGB
+    for name, tag in tags.items():
+        at = profile.index(name) + 4
+        place = struct.pack(">II", len(profile), len(tag))
+        profile = profile[:at] + place + profile[at + 8 :] + tag + bytes(-len(tag) % 4)
+    return struct.pack(">I", len(profile)) + profile[4:]
 
 
 def colours() -> np.ndarray:
@@ -136,9 +118,8 @@ def test_what_exif_and_png_say_is_the_same_as_an_icc_profile(tmp_path: Path) -> 
 
 
 def test_srgb_by_any_name_and_damaged_profiles_change_nothing(tmp_path: Path) -> None:
-    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     for name, profile in (
-        ("srgb", srgb),
+        ("srgb", SRGB),
         ("cut", icc(_P3, _TABLE)[:300]),
         ("cmyk", icc(_P3, b"junk")),
     ):

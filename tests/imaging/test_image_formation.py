@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.forward_model import CLEAR, alone, hazy, random_seabed, view_in_water
+from support.forward_model import CLEAR, alone, random_seabed, view_in_water
 from support.made_scene import WATER, make_camera, make_pose, make_view
 
 import sucre_bench as sb
@@ -13,11 +13,8 @@ from sucre_bench import Arrays, Restoration, View, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import (
     brightest,
-    nearest_depth,
-    recovered,
     reduced,
     restoration,
-    trusted,
     undetermined,
 )
 
@@ -34,22 +31,6 @@ def test_the_brightest_pixel_is_a_pixel_of_the_image_and_of_those_asked_for() ->
     among = np.ones((5, 6), bool)
     among[0, 5] = False
     np.testing.assert_array_equal(brightest(image, among), image[4, 2])
-
-
-def test_the_nearest_depth_is_the_formula_of_its_paper() -> None:
-    image = np.tile(A, (4, 5, 1))
-    assert nearest_depth(image, A) == pytest.approx(1)
-    image[1, 2, 0] = 0.9  # |.2 - .9| of at most .8
-    assert nearest_depth(image, A) == pytest.approx(1 - 0.7 / 0.8)
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-def test_recovery_inverts_the_model(channels: int) -> None:
-    J, t = RNG.random((9, 8, 3)), RNG.uniform(0.2, 0.9, (9, 8, channels))
-    t = t[..., 0] if channels == 1 else t
-    back = recovered(hazy(J, A, t).astype(np.float32), A, t.astype(np.float32))
-    np.testing.assert_allclose(back, J, atol=2e-6)
-    assert back.dtype == np.float32
 
 
 def test_a_restoration_tells_the_veiling_light_and_how_much_came_through() -> None:
@@ -98,13 +79,6 @@ def normal_seabed(seed: int = 0) -> View:
 
 
 # -- distances -------------------------------------------------------------------------------------------------
-
-
-def test_the_farthest_hundredth_is_not_trusted_nor_is_what_is_unknown():
-    z = np.arange(1001.0).reshape(7, 143)
-    np.testing.assert_array_equal(trusted(z), (z > 0) & (z <= 991))
-    assert trusted(np.arange(1.0, 101.0)).all()
-    assert not trusted(np.zeros((3, 3))).any()
 
 
 def test_distances_are_flat_within_a_fiftieth_and_doubts_name_their_channels():

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from support.bent_rays import bent
 from support.colmap_folder import FORWARD, to_binary, write_image, write_model
+from support.miniatures import centre, write_spot
 
 from sucre_bench import Camera, InputError
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.loading.lens import BrownLens, Lens
+from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Photograph, view_of
 
 CAMERA = Camera(np.array([[420.0, 0, 330], [0, 400, 236], [0, 0, 1]]), 640, 480)
@@ -28,34 +29,6 @@ def project(points: np.ndarray, model: str, k: tuple[float, ...]) -> np.ndarray:
     return np.stack([K[0, 0] * x + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
 
-def spot_image(at: np.ndarray) -> np.ndarray:
-    """A soft spot of two pixels' width, centred at a pixel position."""
-    u, v = np.meshgrid(np.arange(CAMERA.width) + 0.5, np.arange(CAMERA.height) + 0.5)
-    spot = np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * 2.0**2))
-    return np.repeat(spot[..., None], 3, axis=-1).astype(np.float32)
-
-
-def centre(image: np.ndarray) -> np.ndarray:
-    """The spot's centre of mass, in pixels with centres at +0.5."""
-    weight = image[..., 0].astype(np.float64)
-    v, u = np.indices(weight.shape) + 0.5
-    return np.array([(u * weight).sum(), (v * weight).sum()]) / weight.sum()
-
-
-@pytest.mark.parametrize(("model", "k"), [("perspective", BROWN), ("fisheye", FISHEYE)])
-@pytest.mark.parametrize("point", [(0.0, 0.01), (-0.5, 0.3), (0.55, -0.4)])
-def test_a_point_lies_where_the_pinhole_sees_it(
-    model, k: tuple[float, ...], point: tuple[float, float]
-):
-    lens = Lens(CAMERA, model, k)
-    photographed = spot_image(project(np.array([point]), model, k)[0])
-    straight = lens.undistorted(photographed, (640, 480))
-    expected = lens.pinhole.K @ [*point, 1]
-    np.testing.assert_allclose(centre(straight), expected[:2], atol=0.05)
-    half = lens.undistorted(photographed, (320, 240))
-    np.testing.assert_allclose(centre(half), expected[:2] / 2, atol=0.05)
-
-
 @pytest.mark.parametrize(
     ("model", "k"), [("perspective", BROWN), ("fisheye", FISHEYE), ("perspective", (0.2,))]
 )
@@ -68,13 +41,8 @@ def test_no_pixel_of_the_pinhole_looks_past_the_photograph_and_little_is_lost(
     seen = project(rays[:, :2], model, (*k, 0, 0, 0, 0, 0))
     assert (seen > -0.5).all()
     assert (seen < [640.5, 480.5]).all()
-    for side in (
-        seen[:, 0].min(),
-        seen[:, 1].min(),
-        640 - seen[:, 0].max(),
-        480 - seen[:, 1].max(),
-    ):
-        assert side < 60
+    assert (seen.min(axis=0) < 60).all()
+    assert (seen.max(axis=0) > [580, 420]).all()
 
 
 def test_strips_of_rows_join_where_the_picture_is_large():
@@ -99,7 +67,6 @@ def test_strips_of_rows_join_where_the_picture_is_large():
 # -- lenses that cannot be undone -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [Lens, BrownLens])
 @pytest.mark.parametrize(
     ("focal", "model", "k", "says"),
     [
@@ -111,11 +78,9 @@ def test_strips_of_rows_join_where_the_picture_is_large():
         (700.0, "perspective", (1e300,), "borders"),
     ],
 )
-def test_a_lens_without_a_pinhole_image_says_so(
-    kind: type[Lens], focal: float, model: Any, k: Any, says: str
-):
+def test_a_lens_without_a_pinhole_image_says_so(focal: float, model: Any, k: Any, says: str):
     camera = Camera(np.array([[focal, 0, 500], [0, focal, 375], [0, 0, 1]]), 1000, 750)
-    lens = kind(camera, model, k if kind is Lens else (*k, *[0.0] * 7))
+    lens = Lens(camera, model, k)
     assert says in lens.fault
     with pytest.raises(InputError, match=rf"{says}.*; "):
         _ = lens.pinhole
@@ -147,14 +112,7 @@ def test_a_wide_lens_with_corners_that_nothing_images_still_has_a_pinhole(
     assert lens.pinhole.K[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("model", "k"), [("perspective", BROWN), ("fisheye", FISHEYE)])
-def test_rays_lead_back_to_their_pixels_and_there_are_none_where_the_lens_images_nothing(
-    model: Any, k: tuple[float, ...]
-):
-    pixels = np.random.default_rng(0).random((50, 2)) * (640, 480)
-    np.testing.assert_allclose(
-        project(Lens(CAMERA, model, k).rays(pixels), model, (*k, 0.0)), pixels, atol=1e-6
-    )
+def test_there_is_no_ray_where_the_lens_images_nothing():
     no_further = Lens(CAMERA, "perspective", (-0.35,)).rays(
         np.array([[330.0, 236.0], [330.0 + 420 * 0.8, 236.0]])
     )
@@ -217,9 +175,7 @@ def test_an_image_of_each_camera_model_of_colmap_is_undistorted_on_the_way(
     )
     if form == "binary":
         to_binary(tmp_path / "sparse")
-    write_image(
-        tmp_path / "images" / "a.png", (255 * spot_image(np.array(pixel))).astype(np.uint8)
-    )
+    write_spot(tmp_path / "images" / "a.png", np.array(pixel), (640, 480))
     view = next(iter(Colmap(root=tmp_path, undistort=True).scenes()))["a.png"]
     np.testing.assert_allclose(centre(view.rgb), (view.camera.K @ [*ray, 1])[:2], atol=0.1)
 

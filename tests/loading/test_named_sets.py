@@ -32,31 +32,21 @@ def write(folder: Path, pictures: dict[str, np.ndarray]) -> str:
     return str(folder)
 
 
+def described(bench: Bench, root: str, *words: str) -> Done:
+    return bench("describe", "photos", f"dataset.root={root}", "--no-sheet", *words)
+
+
 @pytest.fixture
 def made(bench: Bench, tmp_path: Path) -> Path:
     """The table of a set of four pictures, written by `describe`."""
     root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
-    done = bench(
-        "describe",
-        "photos",
-        f"dataset.root={root}",
-        "--no-sheet",
-        "--write-set",
-        str(tmp_path / "made4.csv"),
-    )
+    done = described(bench, root, "--write-set", str(tmp_path / "made4.csv"))
     assert done.returncode == 0, done.stderr
     return tmp_path / "made4.csv"
 
 
 def scene_of(bench: Bench, root: str, table: Path) -> Done:
-    return bench(
-        "describe",
-        "photos",
-        f"dataset.root={root}",
-        f"dataset.split={table}",
-        "--no-sheet",
-        "--json",
-    )
+    return described(bench, root, f"dataset.split={table}", "--json")
 
 
 def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_scene(
@@ -203,15 +193,7 @@ def test_a_set_that_would_lack_pictures_is_refused_before_any_is_read(
 ) -> None:
     root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
     monkeypatch.setattr("sucre_bench.programs.describe.description.look_at", None)
-    words = (
-        "describe",
-        "photos",
-        f"dataset.root={root}",
-        "--no-sheet",
-        "--write-set",
-        str(tmp_path / "few.csv"),
-    )
     for word in ("--most=2", "every=2"):
-        done = bench(*words, word)
+        done = described(bench, root, "--write-set", str(tmp_path / "few.csv"), word)
         assert (done.returncode, len(done.errors)) == (2, 1), done.stderr
         assert "--write-set" in done.stderr

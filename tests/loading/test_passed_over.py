@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
+from support.messages import Lines
 
 from sucre_bench.engine.preflight import select
 from sucre_bench.errors import InputError
@@ -14,13 +15,11 @@ from sucre_bench.programs.score_folder import score_folder
 
 
 def said_of(work: object, monkeypatch: pytest.MonkeyPatch) -> str:
-    lines: list[str] = []
+    said = Lines()
     monkeypatch.setattr(passed_over, "_said", set())
-    with progress.watched_by(
-        lambda event, *values: lines.append(values[0]) if event == "said" else None
-    ):
+    with progress.watched_by(said):
         work()  # type: ignore[operator]
-    (line,) = [line for line in lines if "not read" in line] or [""]
+    (line,) = [line for line in said.lines if "not read" in line] or [""]
     return line
 
 

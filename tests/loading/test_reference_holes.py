@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import write_image
+from support.messages import Lines
 
 from sucre_bench import load_scene
 from sucre_bench.machine import progress
@@ -16,10 +17,10 @@ def test_holes_of_a_reference_are_said(tmp_path: Path, rows: int, is_said: bool)
     write_image(tmp_path / "a.png", picture)
     picture[:rows] = 0
     write_image(tmp_path / "reference" / "a.png", picture)
-    lines: list[str] = []
+    said = Lines()
     view = load_scene("photos", root=str(tmp_path))["a.png"]
-    with progress.watched_by(
-        lambda event, *values: lines.append(values[0]) if event == "said" else None
-    ):
+    with progress.watched_by(said):
         assert view.reference is not None
-    assert [("a.png" in line, "27 %" in line) for line in lines] == [(True, True)] * is_said
+    assert [("a.png" in line, "27 %" in line) for line in said.lines] == [
+        (True, True)
+    ] * is_said

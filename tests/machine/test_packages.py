@@ -126,17 +126,3 @@ def test_a_library_of_the_core_that_is_there_but_broken_is_named(
     assert refused.returncode == 1
     (line,) = refused.stderr.strip().splitlines()
     assert "numpy has another ABI; `sucre-bench doctor`" in line
-
-
-def test_every_package_of_an_extra_stands_in_one_so_that_messages_can_name_it():
-    extras = {name: extra for name, (_, extra) in provenance.requirements().items() if extra}
-    assert (
-        extras.items()
-        >= {
-            "torch": "torch",
-            "open3d": "surfaces",
-            "pycolmap": "prepare",
-            "mlflow": "mlflow",
-        }.items()
-    )
-    assert not {"torch", "jax", "open3d", "mlflow", "pycolmap", "onnxruntime"} - extras.keys()

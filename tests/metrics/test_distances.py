@@ -36,19 +36,12 @@ def plane_depth() -> Array:
     return np.asarray((n @ MIDDLE) / ((u - 161.3) / 300 * n[0] + n[2]), dtype=np.float32)
 
 
-def chart_score(depth: Array, camera: Camera | None = CAMERA, at: Array | None = None) -> Score:
+def chart_score(depth: Array, at: Array | None = None) -> Score:
     shown = np.zeros((240, 320, 3), np.float32)
     chart = Chart("c", "dgk", corners() if at is None else at)
-    view = View("a.png", Arrays(shown, depth), camera, charts=[chart])
+    view = View("a.png", Arrays(shown, depth), CAMERA, charts=[chart])
     (score,) = ChartDistance().score(Restoration(shown), shown, view, "median")
     assert score.region == "c"
-    return score
-
-
-def variance(depth: Array, camera: Camera | None = CAMERA) -> Score:
-    shown = np.zeros((240, 320, 3), np.float32)
-    view = View("a.png", Arrays(shown, depth), camera)
-    (score,) = DistanceVariance().score(Restoration(shown), shown, view, "image")
     return score
 
 
@@ -82,9 +75,8 @@ def test_a_chart_without_depth_is_nan_with_coverage_0(at: Array | None) -> None:
 
 
 def test_without_a_camera_there_is_no_distance_and_the_view_is_named() -> None:
-    for metric in (
-        lambda: chart_score(plane_depth(), None),
-        lambda: variance(plane_depth(), None),
-    ):
+    shown = np.zeros((240, 320, 3), np.float32)
+    view = View("a.png", Arrays(shown, plane_depth()), charts=[Chart("c", "dgk", corners())])
+    for metric in (ChartDistance(), DistanceVariance()):
         with pytest.raises(NotApplicableError, match=r"a\.png: no camera"):
-            metric()
+            list(metric.score(Restoration(shown), shown, view, metric.__plugin__.default[0]))

@@ -111,8 +111,6 @@ def test_sums_over_the_palette_are_sums_over_the_pixels(variant: str) -> None:
 
 # 8-bit Lab of gray 119 is L = 128 (50.03 in CIE), a = b = 128: c = 128 sqrt(2) with the offset kept, 0 without.
 C = 128 * 2**0.5
-L = 128.0
-HALF = 0.5 * 2**0.5
 
 
 @pytest.mark.parametrize(("tails", "contrast"), [(1, 0.0), (2, 1.0)])

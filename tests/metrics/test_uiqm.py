@@ -148,9 +148,7 @@ def slow_uism(image: Bytes, variant: str) -> float:
         weights = weights[::-1]
     if variant == "uwcnn-plus":
         weights = [0.557, 0.144, 0.299]
-    side = (
-        5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
-    )
+    side = slow_side(variant)
     total = 0.0
     for k, weight in enumerate(weights):
         plane = image[..., k].astype(float)
@@ -178,8 +176,10 @@ def slow_uism(image: Bytes, variant: str) -> float:
     return total
 
 
-def slow_side_8(variant: str) -> bool:
-    return "block8" in variant or variant in ("chen", "chen-bgr", "uwcnn-plus")
+def slow_side(variant: str) -> int:
+    if variant == "block5" or "matlab" in variant:
+        return 5
+    return 8 if "block8" in variant or variant in ("chen", "chen-bgr", "uwcnn-plus") else 10
 
 
 def slow_uiconm(image: Bytes, variant: str) -> float:
@@ -197,7 +197,7 @@ def slow_uiconm(image: Bytes, variant: str) -> float:
             ]
             found.append(abs(sum(m * np.log(m) for m in ms if m != 0)) / len(every))
         return sum(found)
-    side = 5 if variant == "block5" else 8 if slow_side_8(variant) else 10
+    side = slow_side(variant)
     levels = 0.299 * x[..., 0] + 0.587 * x[..., 1] + 0.114 * x[..., 2]
     if "chen" in variant:
         levels = (0.2125 * x[..., 0] + 0.7154 * x[..., 1] + 0.0721 * x[..., 2]) / 255
@@ -250,9 +250,7 @@ def test_only_blocks_without_a_hole_in_or_beside_them_count(variant: str) -> Non
     image = noise(40, 80, darkest=1)
     shown = np.float32(image) / np.float32(255)
     shown[:, 40:] = np.nan
-    side = (
-        5 if variant == "block5" or "matlab" in variant else 8 if slow_side_8(variant) else 10
-    )
+    side = slow_side(variant)
     found = score(shown, variant)
     columns = 40 // side - 1  # the last column of blocks on the left has holes for neighbours
     assert found.coverage == pytest.approx(columns * side / 80)

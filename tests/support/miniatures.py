@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -125,20 +125,49 @@ def cut(path: Path) -> None:
     path.write_bytes(content[: len(content) // 2])
 
 
-def check_scene_fault(load: Callable[[], Scene], root: Path, parts: list[str]) -> None:
-    """Loading raises one line about a file below root."""
-    with one_line(str(root), *parts):
-        load()
-
-
 def check_view_fault(bad: View, good: View, plane: str, root: Path, parts: list[str]) -> None:
     """A plane of one view raises one line about a file below root, that of another view is there."""
-    assert getattr(good, plane).shape[:2] == (HEIGHT, WIDTH)
+    assert getattr(good, plane).shape[:2] == (good.camera.height, good.camera.width)
     with one_line(str(root), *parts):
         getattr(bad, plane)
 
 
 Change = Callable[[Path], object]
+Load = Callable[[Path], Scene]
+Test = Callable[[Path, Any], None]
+
+
+def scene_fault_test(
+    write: Change, load: Load, cases: Mapping[str, tuple[Change, list[str]]]
+) -> Test:
+    """A test of changes to the files of a dataset: opening it raises one line about one of them, with these parts."""
+
+    @pytest.mark.parametrize("case", cases.values(), ids=list(cases))
+    def test(tmp_path: Path, case: tuple[Change, list[str]]) -> None:
+        change, parts = case
+        write(tmp_path)
+        change(tmp_path)
+        with one_line(str(tmp_path), *parts):
+            load(tmp_path)
+
+    return test
+
+
+def view_fault_test(
+    write: Change, load: Load, cases: Mapping[str, tuple[str, Change, list[str]]]
+) -> Test:
+    """A test of changes to the files of the first of two views: a plane of it raises, that of the other is there."""
+
+    @pytest.mark.parametrize("case", cases.values(), ids=list(cases))
+    def test(tmp_path: Path, case: tuple[str, Change, list[str]]) -> None:
+        plane, change, parts = case
+        write(tmp_path)
+        change(tmp_path)
+        check_view_fault(*load(tmp_path), plane, tmp_path, parts)
+
+    return test
+
+
 K = np.array([[150.0, 0, 83], [0, 150, 57], [0, 0, 1]])
 BENT = np.array([-0.3, 0.1, 0.0, 0.0])
 CAMERA = f"1 RADIAL {WIDTH} {HEIGHT} 150 83 57 -0.3 0.1"
