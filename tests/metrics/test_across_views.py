@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 from support.made_ground import WATERS, make_ground, water
+from support.made_scene import WATER, make_camera, make_pose, make_view
 
 from sucre_bench import Scene, results
 from sucre_bench.compare import compare
@@ -135,6 +136,41 @@ def test_consistency_is_the_difference_between_two_flat_colours(hazy: Scene):
     assert set(relative["status"]) == {"skipped"} or relative["value"].min() > 100
 
 
+def test_the_truth_is_consistent_and_the_input_is_not():
+    places = [
+        ((0.1, 0.05, 0.6), 0.06),
+        ((0, 0, 0), 0.0),
+        ((0.3, -0.2, -0.6), -0.12),
+        ((-0.3, 0.1, -2.4), 0.04),
+    ]
+    cameras = [make_camera(160, 120, focal) for focal in (130, 140, 150, 180)]
+    wet, dry = (
+        [
+            make_view(f"{n}.png", cameras[n], make_pose(*place), water)
+            for n, place in enumerate(places)
+        ]
+        for water in (WATER, None)
+    )
+    scene = Scene("made", wet, frozenset({"depth", "poses"}))
+    images = {"truth": {view.name: view.rgb for view in dry}, "input": inputs(scene)}
+    rows = pair_scores(scene, images, "consistency:all", "point_contrast")
+    assert mean(rows, "truth", "consistency", "patches") < 0.3
+    assert mean(rows, "input", "consistency", "patches") > 3
+    assert (
+        mean(rows, "truth", "consistency", "relative")
+        < mean(rows, "input", "consistency", "relative") / 20
+    )
+    assert mean(rows, "truth", "point_contrast", "patches") > mean(
+        rows, "input", "point_contrast", "patches"
+    )
+
+
+def test_differences_of_colour_grow_with_differences_of_distance(hazy: Scene):
+    rows = pair_scores(hazy, {"input": inputs(hazy)}, "consistency:patches")
+    by_range = rows[rows["region"] != "image"].groupby("region")["value"].mean()
+    assert by_range["image/0.25-0.5 m"] < by_range["image/1-2 m"] < by_range["image/2-4 m"]
+
+
 def test_only_points_with_a_colour_in_both_views_count(hazy: Scene):
     half = inputs(hazy)
     half["0.png"] = half["0.png"].copy()
@@ -161,3 +197,12 @@ def test_matches_of_the_photographs_themselves_are_as_many_and_of_the_truth_more
     assert mean(rows, "truth", "matches", "ratio") > 1.5
     assert mean(rows, "truth", "matches", "doublings") > 0.5
     assert mean(rows, "gray", "matches", "ratio") == 0
+
+
+def test_photographs_without_a_match_have_no_ratio_and_the_reason_says_so():
+    scene = make_ground(water((0.40, 0.50, 0.48), (60.0,) * 3, (60.0,) * 3))  # veil only
+    rows = pair_scores(scene, {"truth": references(scene)}, "matches:all")
+    of = rows.groupby("variant")
+    assert set(of.get_group("ratio")["status"]) == {"skipped"}
+    assert all("matches" in reason for reason in of.get_group("ratio")["reason"])
+    assert set(of.get_group("doublings")["status"]) == {"ok"}

@@ -1,11 +1,11 @@
-"""water: relative errors by hand. The golden table has what water_parameters passes through."""
+"""water and water_parameters: relative errors by hand, and what a method estimates as it is."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from sucre_bench.metrics.water import Water
+from sucre_bench.metrics.water import Water, WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
@@ -54,3 +54,32 @@ def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() ->
     )
     assert not scores("attenuation", restored)
     assert scores("veiling_light", restored)["image"].value == pytest.approx(0.5 / 3)
+
+
+KNOWN = SceneWater(
+    np.array([0.1, 0.2, 0.4]), np.array([0.5, 0.3, 0.2]), np.array([0.7, np.nan, 0.6])
+)
+
+
+def parameters(variant: str, water: SceneWater | None) -> list[Score]:
+    return list(
+        WaterParameters().score(
+            Restoration(IMAGE, water), IMAGE, View("a.png", Arrays(IMAGE)), variant
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("veiling_light", [0.1, 0.2, 0.4]),
+        ("attenuation", [0.5, 0.3, 0.2]),
+        ("backscatter", [0.7, np.nan, 0.6]),
+    ],
+)
+def test_every_channel_of_every_parameter_passes_through(
+    name: str, values: list[float]
+) -> None:
+    found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
+    np.testing.assert_array_equal([score.value for (score,) in found], values)
+    assert all(score.region == "image" for (score,) in found)
