@@ -49,6 +49,16 @@ def test_ciede2000_reproduces_the_published_pairs(a: Array, b: Array, published:
     )
 
 
+def test_angles_by_hand() -> None:
+    a = np.array([[1.0, 0, 0], [1, 1, 1], [1, 1, 0], [0.3, 0.6, 0.9], [0, 0, 0]])
+    b = np.array([[0, 1.0, 0], [1, 0, 0], [0, 1, 1], [0.1, 0.2, 0.3], [1, 1, 1]])
+    found = angle_deg(a, b)
+    np.testing.assert_allclose(
+        found[:4], [90, np.degrees(np.arccos(3**-0.5)), 60, 0], atol=2e-6
+    )
+    assert np.isnan(found[4]), "black has no direction"
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
@@ -79,17 +89,22 @@ def test_every_chart_and_every_patch_has_a_score_and_the_chart_is_the_mean() -> 
     assert "near/7-red" in scores(Psi(), shown, "colour", charts=charts)
 
 
-@pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
-def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(
-    colour: float,
-) -> None:
+def blanked(colour: float) -> tuple[dict[str, Score], dict[str, Score]]:
+    """Scores of a chart with every patch tinted, before and after the red one is lost to `colour`."""
     kind = chart_kind("dgk")
     shown = painted(kind, TILTED)
     red = np.isclose(shown, kind.patches[6].srgb).all(axis=-1)
     shown = shown * np.float32([0.5, 1, 1])
     whole = scores(Psi(), shown, "colour")
     shown[red] = colour
-    holed = scores(Psi(), shown, "colour")
+    return whole, scores(Psi(), shown, "colour")
+
+
+@pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
+def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(
+    colour: float,
+) -> None:
+    whole, holed = blanked(colour)
     others = [s.value for region, s in whole.items() if region not in ("c", "c/7-red")]
     assert holed["c"].value == pytest.approx(np.mean(others))
     assert abs(holed["c"].value - whole["c"].value) > 0.1
