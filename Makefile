@@ -37,7 +37,7 @@ fuzz: setup
 
 docs: setup
 	@$(bin)/python docs/site/show_at_work.py
-	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --strict
 	@echo outputs/site/index.html
 
 # What CI runs beside the tests: style, types, and which room imports which.
