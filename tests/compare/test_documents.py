@@ -170,6 +170,12 @@ def test_against_a_baseline_better_is_green_worse_red_and_chance_marked():
     assert re.search(r"\x1b\[31m\+1\.0", lower)
 
 
+def test_chance_is_marked_also_where_nobody_wins_by_a_score():
+    metric = {"metric": "uciqe", "variant": "yang2015", "better": "higher"}
+    comparison = table({"base": [1.0, 2, 3], "m": [1.5, 1.4, 3.3]}, baseline="base", **metric)
+    assert "≈" in terminal(comparison)
+
+
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():
     comparison = table({"a": [1.0, 9, 5], "b": [2.0, 8, 4.9]})
     (verdict,) = compare.verdicts(comparison)

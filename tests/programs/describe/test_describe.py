@@ -151,6 +151,12 @@ def test_an_image_without_much_to_see_is_named(
     assert kinds(views) == [(kind, "a.png")]
 
 
+def test_dark_views_of_a_dive_are_no_twins() -> None:
+    views = make_scene().views
+    dark = [with_planes(view, rgb=view.rgb * np.float32(0.02)) for view in views]
+    assert not [kind for kind, *_ in kinds(dark) if "twin" in kind]
+
+
 def test_missing_poses_and_depth_and_twins_are_named() -> None:
     views = list(make_scene().views)
     bare = replace(views[0], pixels=Arrays(views[0].rgb), cam_from_world=None)

@@ -149,7 +149,9 @@ class Green:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         image = view.rgb * ((0.2, 1, 0.2) if view.name == "b.png" else 1)
-        return Restoration(image, info={"solver": self.solver})
+        judged = [{"drift": 1, "drift_of_photograph": 2}]
+        water = {"beta": [0.1, 0.1, 0.1], "judged": judged}
+        return Restoration(image, info={"solver": self.solver, **water})
 """
 
 
@@ -192,6 +194,9 @@ def test_a_ruined_picture_of_a_dive_gives_way_to_balanced_colours(
     assert "b.png" in why
     assert "cast" in why
     assert "do not use" not in why
+    # its water, which others show as if it were measured, is not
+    csv = (tmp_path / "out/pictures.csv").read_text()
+    assert csv.count("the same water ruins 1 other picture") == 2
     # what shows the photograph's colours is balanced already
     kept = bench("restore", "dive", "out", *words, "green.solver=none")
     assert "no good picture" not in kept.stdout
