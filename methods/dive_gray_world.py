@@ -162,7 +162,7 @@ def pooled(
     """Return the statistics of a scene, counted view by view.
 
     encoding: of the intensities counted; along: what distances are measured along; grey: whether grey images are
-    counted, or those with colours. Views without depth, without a camera where `along` is "distance", or with a damaged
+    counted, too. Views without depth, without a camera where `along` is "distance", or with a damaged
     file are left out. Raises SolveError when none is left.
     """
     sums = np.zeros((_MOST_BINS, 8))  # pixels, their distances, three channels, their squares
@@ -204,9 +204,8 @@ def _counted(
             z = view.distance if along == "distance" else view.depth
             step = max(1, math.isqrt(z.size // _ENOUGH))
             rgb = converted(view.rgb[::step, ::step], view.encoding, encoding)
-            if is_grey(rgb) != grey:
-                fault = "it has colours" if grey else "it is grey"
-                raise InputError(f"{fault}, and the restored view is not so")
+            if is_grey(rgb) and not grey:
+                raise InputError("it is grey, the restored view is not")
         except InputError as fault:
             say(f"colours by range: {view.name} is left out, {fault}")
             continue

@@ -36,7 +36,7 @@ class Stitching(FillOption):
         info = {
             "n_observations": len(observations),
             "n_views": len(observations.views),
-            "unreadable": observations.unreadable,
+            "unreadable": (*observations.unreadable, *observations.grey),
         }
         stitched = Restoration(observations.image(colours), info=info)
         return self.filled(

@@ -141,7 +141,7 @@ def restoration(
         "n_observations": len(observations),
         "n_repeated": observations.n_repeated,
         "n_views": len(observations.views),
-        "unreadable": observations.unreadable,
+        "unreadable": (*observations.unreadable, *observations.grey),
         "noise": uncertainty.noise,
         "condition": uncertainty.condition,
         "standard_error": uncertainty.standard_error,

@@ -76,7 +76,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
         )
     if made.unverifiable:
         told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
-        say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")
+        say(f"nobody can verify these scores, which need more than a picture: {told}", "yellow")
     if made.local_paths:
         say(
             f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow"

@@ -1,8 +1,8 @@
 """The last stage of a run: metrics of pairs of restored views, once all jobs have restored theirs.
 
 It scores all views of a scene that a method has restored into the results folder, whichever run or process did it.
-Options, data and code must be those of this run. The stored pictures are scored, which have 8 bits; J is there if the
-run had save=full. Scores that are there are kept, unless a view has been added to or taken from the restored ones.
+Options, data and code must be those of this run. The stored pictures are scored, rounded to their bits; J is there if
+the run had save=full. Scores that are there are kept, unless a view has been added to or taken from the restored ones.
 The score of a view is the mean over its pairs.
 """
 

@@ -37,7 +37,7 @@ from sucre_bench.results.restorations import PictureOnly
 from sucre_bench.results.rows import RESTORATION, Row, RowCode, Status, fingerprint
 from sucre_bench.scene import Restoration, Score, View
 
-_ROUNDED = 1e-6  # of a bound, what float32 may exceed it by
+_ROUNDED = 1e-6  # of a bound, or of 1 if that is more: what float32 may exceed it by
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,10 @@ class Scorer:
             low, high = self.plugin.range
             for value in (float(one.value) for one in scores):
                 # the bounds in float32
-                if value < low - _ROUNDED * abs(low) or value > high + _ROUNDED * abs(high):
-                    fault = f"{base.metric}:{base.variant} is {value:g}, its range {low:g} to {high:g}"
+                if value < low - _ROUNDED * max(1, abs(low)) or value > high + _ROUNDED * max(
+                    1, abs(high)
+                ):
+                    fault = f"{base.metric}:{base.variant} is {value:.9g}, its range {low:g} to {high:g}"
                     raise PluginError(fault, remedy="mend the metric or its range=")
         return scores
 

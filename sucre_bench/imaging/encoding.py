@@ -32,9 +32,12 @@ def converted(image: Array, source: Encoding, target: Encoding) -> Array:
 
 
 def is_grey(image: AnyArray) -> bool:
-    """Whether an image (H, W, 3) has no colours: in each pixel all channels are equal."""
+    """Whether an image (H, W, 3) has no colours: in each pixel all channels are equal. A black one is not grey."""
     # a few pixels tell most images from grey ones
-    return all(bool((part == part[..., :1]).all()) for part in (image[::16, ::16], image))
+    few = image[::16, ::16]
+    return all(bool((part == part[..., :1]).all()) for part in (few, image)) and bool(
+        image.any()
+    )
 
 
 def to_8bit(shown: Array) -> np.ndarray:

@@ -61,6 +61,9 @@ class Observations:
     unreadable: tuple[str, ...] = ()
     """The fault of each view that may see the target but has a file that cannot be read."""
 
+    grey: tuple[str, ...] = ()
+    """The fault of each view that is left out because it is grey and the target is not."""
+
     read_s: float = 0.0
     """Seconds spent reading files, summed over threads."""
 

@@ -59,6 +59,10 @@ _MOST_THREADS = 16
 _TELLING_SHARE = 1 / 8
 
 
+class GreyError(InputError):
+    """A view is grey, and the target is not."""
+
+
 class Options(TypedDict, total=False):
     """The options of `observe` that decide its result."""
 
@@ -110,6 +114,7 @@ def observe(
     )
     seen: list[Seen] = []
     unreadable: list[str] = []
+    grey: list[str] = []
     with ExitStack() as stack:
         spool = stack.enter_context(closing(Spool(folder))) if folder is not None else None
         outcomes = stack.enter_context(closing(_in_order(see, tried)))
@@ -120,7 +125,7 @@ def observe(
             except InputError as fault:
                 if view.name == target.name:
                     raise
-                unreadable.append(str(fault))
+                (grey if isinstance(fault, GreyError) else unreadable).append(str(fault))
                 say(f"{target.name}: leaves out {view.name}: {fault}")
                 continue
             read_s += seconds
@@ -138,7 +143,13 @@ def observe(
     empty = None if folder is None else partial(new_file, folder)
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
     pair_s = time.perf_counter() - began
-    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=pair_s)
+    return replace(
+        observations,
+        unreadable=tuple(unreadable),
+        grey=tuple(grey),
+        read_s=read_s,
+        pair_s=pair_s,
+    )
 
 
 def _timed(load: Callable[[], T]) -> tuple[T, float]:
@@ -192,7 +203,7 @@ def _see(
         if is_target_grey:
             remedy = "give this photograph in colour"
             raise NotApplicableError(f"{target.name}: is grey, {view.name} is not; {remedy}")
-        raise InputError("it is grey, and the target is not; give it in colour")
+        raise GreyError("is grey, the target is not", view.name, "give it in colour")
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
         sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"

@@ -113,6 +113,7 @@ def _make(work: Path, scene: Scene, target: View, options: Options) -> Observati
         "shape": made.shape,
         "views": made.views,
         "unreadable": made.unreadable,
+        "grey": made.grey,
         "pair_s": made.pair_s,
     }
     arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
@@ -159,6 +160,7 @@ def _read(entry: Path) -> Observations | None:
         height, width = meta["shape"]
         about: dict[str, Any] = {
             "unreadable": tuple(meta["unreadable"]),
+            "grey": tuple(meta["grey"]),
             "pair_s": float(meta["pair_s"]),
         }
         kept = Observations((height, width), tuple(meta["views"]), **about, **arrays)

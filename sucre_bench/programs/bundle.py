@@ -55,8 +55,8 @@ class Bundled:
     """Folders of this machine that options of methods or datasets name."""
 
     unverifiable: Mapping[str, int]
-    """Number of scores that need the restoration before it was rounded to 8 bits, by "metric:variant"; none where the
-    bundle has no pictures."""
+    """Number of scores that need the restoration as it was computed, by "metric:variant"; none where the bundle
+    has no pictures."""
 
 
 def bundle_results(

@@ -3,6 +3,7 @@
 import base64
 import importlib.metadata
 import json
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -209,7 +210,7 @@ def write_result(
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
     errors = [q.depth_error for q in qualities if np.isfinite(q.depth_error)]
-    off = 100 * float(np.median(errors)) if errors else 0.0
+    off = 100 * float(np.median(errors)) if errors else math.nan
     if off > 100 * _MILD_ERROR and not (asked["mesh"] or asked["depth"]):
         fault = f"depth is {off:.1f} % off the sparse points, so the lens or the camera positions are wrong"
         remedy = "add photos from other heights and directions, or hold the focal length of a calibration with --focal"
@@ -250,7 +251,9 @@ def _facts(
         "reprojection error": f"{error:.2f} px",
         "focal length": made.focal,
         "pixels with depth": f"{covered:.0f} %" + (parts if measured else ""),
-        "depth against sparse points": f"{off:.2f} % (median)",
+        "depth against sparse points": f"{off:.2f} % (median)"
+        if math.isfinite(off)
+        else "no photo has depth",
         "surface": made_from,
         "scale": made.scale.note,
     }

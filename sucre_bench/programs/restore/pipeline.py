@@ -156,6 +156,8 @@ def source_of(folder: Path, photographs: Path | None = None) -> Source:
         name = recognised(folder)
     except InputError:
         if not image_names(folder, subfolders=True):
+            if any(folder.iterdir()):
+                raise
             fault = f"holds no photographs ({' '.join(SUFFIXES)}) and no dive"
             raise no_image(folder, fault, "name their folder") from None
         name = "photos"
@@ -362,7 +364,7 @@ def _replaced(
     faults = {one.name: whys[one.name] for one in balanced}
     # what turns the colours of some pictures has not measured the water of the others
     kept = [
-        replace(one, record={**one.record, RUINED: len(balanced)})
+        replace(one, record={**one.record, RUINED: len(whys)})
         for one in dive.restored
         if one.name not in faults
     ]

@@ -26,7 +26,7 @@ from sucre_bench.results.rows import csv_text
 # this share.
 _FAR = 0.3
 
-# What a record gets beside what is stored: how many pictures of the dive by the same water are of no use.
+# What a record gets beside what is stored: how many other pictures of the dive are of no use.
 RUINED = "ruined"
 
 _AT_ONCE = 4  # pictures that are looked at
@@ -67,10 +67,10 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     """Return why the water of a restoration's record was not measured; "" if it was."""
     if "beta" not in record:
         return "the method balances colours and measures no water"
-    if ruined := record.get(RUINED):
-        return f"the same water ruins {counted(ruined, 'other picture')} of the dive"
     if record.get("solver") == "none":
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
+    if ruined := record.get(RUINED):
+        return f"water ruins {counted(ruined, 'other picture')} of the dive"
     if assumed := record.get("assumed"):
         return f"the veil of {_named(assumed)} is not determined"
     if rough := record.get("roughly_known"):
@@ -201,7 +201,7 @@ def _assessed(
     reasons = [_words(fault) for fault in faults]
     if one.record.get("solver") == "none" and any(fault.kind in _OF_HUE for fault in faults):
         reasons = [_words(fault) for fault in faults if fault.kind not in _OF_HUE]
-        reasons.append("one stretch for all pictures of the dive turns its hue")
+        reasons.append("the display turns its hue")
     if one.name in instead:
         reasons.append(instead[one.name])
     if unmeasured := why_not_measured(one.record):

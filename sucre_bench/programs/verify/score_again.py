@@ -164,10 +164,9 @@ class Pictured:
                 apart = max(0.0, apart - _WITHIN * reach)
             return apart / scale if apart else 0.0
         around = self._around(scorer, key)
-        if math.isnan(
-            row.value
-        ):  # a patch that is gray in 8 bits has no hue, whichever it had before
-            return 0.0 if around else math.inf
+        if math.isnan(row.value):
+            # a patch that is gray in 8 bits has no hue, whichever it had before
+            return 0.0 if around and "charts" in scorer.plugin.needs else math.inf
         # a picture without any error was rounded to it from what has some
         is_between = any(min(one, row.value) <= stored <= max(one, row.value) for one in around)
         return 0.0 if math.isinf(row.value) and is_between else math.inf
@@ -179,6 +178,8 @@ class Pictured:
         around the one in the picture. All colours are moved to the same corner of their cubes, for each corner, and
         each colour to a corner of its own.
         """
+        if not self.step:
+            return []
         if key[:2] not in self._moved:
             image = self.restoration.image
             corners = [np.array(one) for one in itertools.product((-1, 1), repeat=3)]
