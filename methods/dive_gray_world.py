@@ -162,8 +162,8 @@ def pooled(
     """Return the statistics of a scene, counted view by view.
 
     encoding: of the intensities counted; along: what distances are measured along; grey: whether grey images are
-    counted, too. Views without depth, without a camera where `along` is "distance", or with a damaged
-    file are left out. Raises SolveError when none is left.
+    counted, too. Views without depth, without a camera where `along` is "distance", or with a damaged file are left
+    out. Raises SolveError when none is left.
     """
     sums = np.zeros((_MOST_BINS, 8))  # pixels, their distances, three channels, their squares
     counted = 0
@@ -222,10 +222,8 @@ def _flat_field(
     """
     import cv2
 
-    statistics, sums = (
-        pooled(scene, options, encoding, along, grey),
-        np.zeros((_CELLS, _CELLS, 7)),
-    )
+    statistics = pooled(scene, options, encoding, along, grey)
+    sums = np.zeros((_CELLS, _CELLS, 7))
     for rgb, z, step in _counted(scene, options, encoding, along, grey):
         known, left = (
             (z > 0)[..., None].astype(np.float32),

@@ -357,11 +357,12 @@ class Court:
         on_itself: judge fits to all views on these.
         """
         names = dive.observations.views
-        parts = [names[::2], names[1::2]]
         if on_itself:
             parts = [names]
         elif len(names) == 3:
             parts = [names[:2], names[::2], names[1:]]
+        else:
+            parts = [names[::2], names[1::2]]
         halves = [frozenset(part) for part in parts if len(part) > 1]
         if not halves:
             return None

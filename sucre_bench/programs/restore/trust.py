@@ -198,9 +198,13 @@ def _words(fault: VisibleFault) -> str:
 def _assessed(
     one: Restored, faults: Sequence[VisibleFault], instead: Mapping[str, str]
 ) -> Assessed:
-    reasons = [_words(fault) for fault in faults]
-    if one.record.get("solver") == "none" and any(fault.kind in _OF_HUE for fault in faults):
-        reasons = [_words(fault) for fault in faults if fault.kind not in _OF_HUE]
+    own = faults
+    if (
+        one.record.get("solver") == "none"
+    ):  # with the photograph's colours, the hue is the display's
+        own = [fault for fault in faults if fault.kind not in _OF_HUE]
+    reasons = [_words(fault) for fault in own]
+    if len(own) < len(faults):
         reasons.append("the display turns its hue")
     if one.name in instead:
         reasons.append(instead[one.name])

@@ -332,7 +332,7 @@ def noted(kind: str) -> bytes:
 def test_exif_gps_xmp_and_profile_are_kept_and_every_level_where_the_format_can(
     tmp_path: Path, kind: str, bits: int
 ) -> None:
-    """Nor is it turned, though its orientation says so: viewers turn it, as they turn the photograph."""
+    """Pixels stay as they lie in the file: viewers turn the picture by its orientation."""
     picture = PICTURE if bits == 16 else (PICTURE >> 8).astype(np.uint8)
     file = tmp_path / f"a.{kind.lower()}"
     made = encoded(picture, noted(kind), 95)
