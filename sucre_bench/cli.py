@@ -89,7 +89,7 @@ def _status() -> int:
             # ours, or a plugin file's: a fault of the code
             raise
         text = " ".join(str(fault).split())
-        remedy = "`sucre-bench doctor` says what to install; mend it if it is your plugin's"
+        remedy = "install that package again, or mend the plugin that imports it"
         return _fault(f"a Python package does not import: {text}; {remedy}", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         # click makes an Abort of an interrupt

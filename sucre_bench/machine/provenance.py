@@ -137,7 +137,7 @@ def load(place: str, package: str) -> Any:
     try:
         return importlib.import_module(package)
     except (ImportError, OSError) as fault:
-        remedy = "`sucre-bench doctor` says what to install"
+        remedy = f"pip install --force-reinstall {distribution_of(package)}"
         raise InputError(
             f"{package} does not import, {one_line(fault)}", place, remedy
         ) from fault

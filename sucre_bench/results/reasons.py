@@ -58,7 +58,7 @@ def brief(text: str) -> str:
 def with_remedy(text: str) -> str:
     """Return a row's reason, followed by the command that makes what is lacking, if there is one."""
     if text.startswith("ImportError: "):  # of a package that is there, but broken
-        return f"{text}; `sucre-bench doctor` says what to install"
+        return f"{text}; install that package again"
     makes = [name for name in ("depth", "poses") if name in needs_of(text)]
     return f"{text}; `sucre-bench prepare` makes {' and '.join(makes)}" if makes else text
 

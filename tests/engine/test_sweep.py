@@ -240,7 +240,7 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     assert (outcome.ok, outcome.exit_code) == (3, 1)
     (reason,) = {f.reason for f in outcome.failed}
     assert (
-        "broken_library_xyz does not import, OSError: libcudart.so: cannot open; `sucre-bench doctor`"
+        "broken_library_xyz does not import, OSError: libcudart.so: cannot open; pip install"
         in reason
     )
 

@@ -27,18 +27,12 @@ COMMANDS = (
 )
 # Python puts the folder of a program's file on the path, as it does for sucre-bench.
 ONE_PROCESS = """
-import importlib.util, os, sys
+import os, sys
 from sucre_bench.cli import cli
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.processes import isolated_children
 
-# doctor imports each package in a process of the same kind, which takes 25 s of CPU for all: it finds one.
-def find_one(name, *more):
-    is_hidden = os.environ.get("THE_COMMAND") == "doctor" and name != "pycolmap"
-    return None if is_hidden else find_spec(name, *more)
-
 if __name__ == "__main__":
-    find_spec, importlib.util.find_spec = importlib.util.find_spec, find_one
     for words in sys.argv[1:]:
         os.environ["THE_COMMAND"] = words
         try:

@@ -89,7 +89,8 @@ def test_a_package_that_is_too_old_or_does_not_import_is_named(
     )
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(
-        InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"
+        InputError,
+        match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*pip install",
     ):
         provenance.load("texture", "broken_library_xyz")
 
@@ -106,23 +107,9 @@ def test_a_run_says_that_a_package_of_the_core_is_too_old(
     assert re.search(r"packages: numpy is 1\.0, not >=.*; pip install 'numpy>=", done.stderr)
 
 
-def test_a_library_of_the_core_that_is_there_but_broken_is_named(
-    bench, program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    (tmp_path / "numba.py").write_text("raise ImportError('libtbb.so.12: cannot open')\n")
+def test_a_library_of_the_core_that_is_there_but_broken_is_named(program, tmp_path: Path):
     (tmp_path / "pandas.py").write_text("raise ImportError('numpy has another ABI')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    hide(monkeypatch)
-    done = bench("doctor", "--json")
-    assert done.returncode == 1
-    faults = {
-        one["said"]: one["remedy"]
-        for one in json.loads(done.stdout)["features"]
-        if one["state"] == "broken"
-    }
-    assert any("numba does not import: ImportError: libtbb.so.12" in said for said in faults)
-    assert all("pip install" in remedy for remedy in faults.values())
     refused = program("score", str(tmp_path), PYTHONPATH=str(tmp_path))
     assert refused.returncode == 1
     (line,) = refused.stderr.strip().splitlines()
-    assert "numpy has another ABI; `sucre-bench doctor`" in line
+    assert "numpy has another ABI; install that package again" in line
