@@ -41,7 +41,7 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @shared.option(
     "--pixels",
     of=("common", "own"),
-    help="If methods leave holes: show the largest part of a view that all methods fill, or each picture whole.",
+    help="If methods leave holes: show only the pixels that all methods fill, or all pixels of each picture.",
 )
 @shared.flag("--votes", help="Evaluate the files of votes after FOLDER.")
 @shared.argument("files", nargs=-1, metavar="[VOTES.json]...")
@@ -88,26 +88,22 @@ def study(
         check_output(out, "page", force=force)
         check_links(folder)
         key = design.design(folder, shared.labels_of(methods), dataset, views)
-        key, parts, left_out = (
-            design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
-        )
+        masks = design.common_masks(folder, key) if pixels == "common" else {}
         with progress.live():
             design.write_page(
-                out, folder, key, question or design.QUESTION, pairs, width, parts
+                out, folder, key, question or design.QUESTION, pairs, width, masks
             )
         path = design.write_key(folder, key)
         n_views = len(key.pictures) // len(key.methods)
         click.echo(
             f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views"
         )
-        if parts:
-            share = sum(part.share for part in parts.values()) / len(parts)
-            of = f"{len(parts)} of {n_views} views"
+        if masks:
+            share = sum(mask.mean() for mask in masks.values()) / len(masks)
             click.echo(
-                f"cropped  {of}, to what all methods fill: {100 * share:.0f} % of the view on average"
+                f"gray     what some method leaves empty: in {len(masks)} of {n_views} views,"
+                f" {1 - share:.0%} of them on average"
             )
-        for line in left_out:
-            click.echo(f"left out {line}")
         click.echo(f"key      {path}: keep it, and do not send it")
         if out.stat().st_size > _LARGE:
             click.echo("smaller  for e-mail: --views 6, or --width 800")

@@ -9,8 +9,9 @@ import io
 import json
 import random
 import secrets
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
@@ -35,11 +36,8 @@ ViewKey = tuple[str, str]  # scene and name
 QUESTION = "Which picture shows the scene better?"
 _FORMAT = "sucre_bench people's study"
 _VERSION = 1
-_CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
-_FILLED = 0.9  # of a cell without a hole: the rest are specks
-# of the views that a study shows, and of each one
-_LEAST_OF_ALL = 0.25
-_LEAST_OF_VIEW = 0.1
+_LEAST_COMMON = 0.1  # of a view's pixels
+_HOLE = 128  # gray of pixels that are not shown
 # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 _QUALITY = 95
 
@@ -114,108 +112,28 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     return Key(secrets.token_hex(4), dataset, tuple(methods), pictures)
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """What a study shows of a view with holes: the largest rectangle that all methods fill."""
+def common_masks(folder: Path, key: Key) -> dict[ViewKey, Mask]:
+    """Return the pixels (H, W) that all methods fill, for each view of a study in which some fill not all.
 
-    area: tuple[slice, slice]
-    """Rows and columns."""
-
-    mask: Mask
-    """(H, W) of the view, the pixels that all methods fill. Specks of others in the rectangle are painted from around
-    them, alike in all pictures."""
-
-    share: float
-    """Of the view's pixels that the rectangle has."""
-
-
-def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[ViewKey, Part], list[str]]:
-    """Return a study without holes, the parts of its views that have some, and whom it leaves out.
-
-    People judge colours, not holes. While the parts have less than a quarter of the views on average, the method that
-    fills least is left out, until there are two. Views with less than a tenth are left out.
-    Raises InputError if a mask is gone or damaged, if the masks of a view differ in size, or if no view is left.
+    Raises InputError if a mask is gone or damaged, if the masks of a view differ in size, or if the methods have less
+    than a tenth of a view in common.
     """
     rows = restorations(results.read(folder))
-    rows = rows[
-        (rows["dataset"] == key.dataset)
-        & rows["method"].isin(key.methods)
-        & (rows["coverage"] < 1)
-    ]
-    places = {(one.scene, one.view) for one in key.pictures.values()}
-    masks: dict[ViewKey, dict[str, Mask | None]] = {}
+    rows = rows[(rows["dataset"] == key.dataset) & (rows["coverage"] < 1)]
+    shown = set(key.pictures.values())
+    masks: dict[ViewKey, dict[str, Mask | None]] = defaultdict(dict)
     for row in row_objects(rows):
-        where = (row.scene, row.view)
         place = layout.find(key.dataset, row.scene, row.view, folder)
-        if where in places and place is not None:
-            masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
-    left = [*key.methods]
-    said = list[str]()
-    while True:
-        with_holes = {where: {m: of[m] for m in left if m in of} for where, of in masks.items()}
-        parts = {where: _part(common_pixels(of).mask) for where, of in with_holes.items() if of}
-        share = float(
-            np.mean([parts[where].share if where in parts else 1.0 for where in places])
-        )
-        if share >= _LEAST_OF_ALL or len(left) == 2:
-            break
-        filled = {
-            m: sum(1.0 if (mask := of.get(m)) is None else mask.mean() for of in masks.values())
-            for m in left
-        }
-        least = min(left, key=filled.__getitem__)
-        left.remove(least)
-        said.append(
-            f"{least}: it fills least, and all methods together fill a rectangle of {share:.0%};"
-            " --pixels own shows each picture whole"
-        )
-    gone = sorted(where for where, part in parts.items() if part.share < _LEAST_OF_VIEW)
-    if len(gone) == len(places):
-        raise InputError(
-            "all methods fill no rectangle of a tenth of it",
-            gone[0][1],
-            "leave one out, or use --pixels own",
-        )
-    said += [f"{view}: all methods fill no rectangle of a tenth of it" for _, view in gone]
-    pictures = {
-        n: one
-        for n, one in key.pictures.items()
-        if one.method in left and (one.scene, one.view) not in gone
-    }
-    kept = {
-        where: part for where, part in parts.items() if where not in gone and part.share < 1
-    }
-    return replace(key, methods=tuple(left), pictures=pictures), kept, said
-
-
-def _part(mask: Mask) -> Part:
-    """The largest rectangle of cells that are filled but for specks."""
-    side = -(-max(mask.shape) // _CELLS)
-    rows, columns = (np.arange(0, length, side) for length in mask.shape)
-    in_cells = np.add.reduceat(
-        np.add.reduceat(np.stack([mask, np.ones_like(mask)], dtype=int), rows, 1), columns, 2
-    )
-    is_filled = in_cells[0] >= _FILLED * in_cells[1]
-    best = 0
-    area = (slice(0), slice(0))
-    for top in range(len(is_filled)):
-        run = is_filled[top]
-        for bottom in range(top, len(is_filled)):
-            run = run & is_filled[bottom]
-            starts, ends = (
-                np.flatnonzero(np.diff(run, prepend=False, append=False)).reshape(-1, 2).T
-            )
-            if not len(starts):
-                break
-            n = int((ends - starts).argmax())
-            left, right = int(starts[n]), int(ends[n])
-            if (size := (bottom + 1 - top) * (right - left)) > best:
-                best = size
-                area = (
-                    slice(top * side, (bottom + 1) * side),
-                    slice(left * side, right * side),
-                )
-    return Part(area, mask, mask[area].size / mask.size)
+        if place is not None and Shown.of_row(row) in shown:
+            masks[row.scene, row.view][row.method] = stored_mask(folder, place, row)
+    common = {}
+    for where, of_methods in masks.items():
+        mask = common_pixels(of_methods).mask
+        if mask.mean() < _LEAST_COMMON:
+            fault = f"all methods together fill only {mask.mean():.0%} of it"
+            raise InputError(fault, where[1], "leave a method out, or use --pixels own")
+        common[where] = mask
+    return common
 
 
 # -- the page ----------------------------------------------------------------------------------------------
@@ -228,13 +146,12 @@ def write_page(
     question: str,
     pairs: int,
     width: int,
-    parts: Mapping[ViewKey, Part] = MappingProxyType({}),
+    masks: Mapping[ViewKey, Mask] = MappingProxyType({}),
 ) -> None:
     """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
 
-    parts: by scene and view, what is shown of those that are not shown whole.
-    Raises InputError if a picture is gone or the pictures of a view differ in size, OutputError if the page cannot be
-    written.
+    masks: by scene and view, the pixels to show; the others are gray.
+    Raises InputError if a picture is gone, OutputError if the page cannot be written.
     """
     from markupsafe import Markup
 
@@ -258,19 +175,17 @@ def write_page(
         "page.html.j2",
         question=question,
         content=Markup(json.dumps(sitting)),
-        pictures=_pictures(folder, key, width, parts),
+        pictures=_pictures(folder, key, width, masks),
     )
     write_atomically(path, page)
 
 
 def _pictures(
-    folder: Path, key: Key, width: int, parts: Mapping[ViewKey, Part]
+    folder: Path, key: Key, width: int, masks: Mapping[ViewKey, Mask]
 ) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
-    import cv2
     from PIL import Image
 
-    sizes: dict[ViewKey, tuple[int, ...]] = {}
     made = []
     for name, shown in progress.track(sorted(key.pictures.items()), "pictures"):
         place = layout.find(key.dataset, shown.scene, shown.view, folder)
@@ -279,17 +194,10 @@ def _pictures(
             raise MissingFileError(
                 f"the restored image of {shown.view} is gone", path, "repeat the run's command"
             )
-        image = read_bgr_8bit(path)[..., ::-1]
-        if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
-            raise InputError(
-                f"{path}: is not of the size of the other methods' pictures; run this method again"
-            )
-        if part := parts.get((shown.scene, shown.view)):
-            specks = (~part.mask[part.area]).astype(np.uint8)
-            image = cv2.inpaint(
-                np.ascontiguousarray(image[part.area]), specks, 3, cv2.INPAINT_TELEA
-            )
-        picture = Image.fromarray(np.ascontiguousarray(image))
+        image = np.ascontiguousarray(read_bgr_8bit(path)[..., ::-1])
+        if (mask := masks.get((shown.scene, shown.view))) is not None:
+            image[~mask] = _HOLE
+        picture = Image.fromarray(image)
         jpeg = io.BytesIO()
         picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
         picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)

@@ -1,8 +1,7 @@
 """From files of votes to preferences of methods, agreement, and rows of the metric `preference`."""
 
 import hashlib
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, LinesError
 from sucre_bench.machine.files import read_json, reading, regular
 from sucre_bench.machine.text_formats import now
@@ -26,59 +26,39 @@ _WON = {"left": 1.0, "tie": 0.5, "right": 0.0}
 # -- the files, which come from strangers: everything in them is checked ---------------------------------------------
 
 
-@dataclass(frozen=True)
-class Vote:
-    """What an observer said of two pictures of one view."""
-
-    study: str
-    observer: str
-    left: Shown
-    right: Shown
-
-    won: float
-    """1 if the left was preferred, 0.5 for a tie, else 0."""
-
-
 def read_votes(
     paths: Sequence[Path], keys: Mapping[str, Key], valid: Collection[Shown]
-) -> tuple[list[Vote], list[str]]:
-    """Return the votes of files that count, and a line for each file, or kind of vote, that does not.
+) -> tuple[DataFrame, list[str]]:
+    """Return the votes of files, a row a vote, and a line for each file that does not count, or not whole.
 
     keys: by study; valid: pictures that are still what the page showed. A vote that several files hold counts once.
     Raises InputError if no vote is left, with the reasons.
     """
-    votes: dict[tuple[str, str, int], Vote] = {}
-    skipped: list[str] = []
+    tables = []
+    skipped = []
     for path in paths:
-        reasons: Counter[str] = Counter()
         try:
-            for n, vote in _votes(path, keys, reasons):
-                if not (vote.left in valid and vote.right in valid):
-                    reasons["show pictures that were restored anew since"] += 1
-                elif (place := (vote.study, vote.observer, n)) in votes:
-                    reasons[
-                        "are in another file, too"
-                        if votes[place] == vote
-                        else "contradict another file"
-                    ] += 1
-                else:
-                    votes[place] = vote
+            votes = pd.DataFrame(_votes(path, keys))
         except InputError as fault:
             skipped.append(str(fault))
-        skipped += [
-            f"{path}: {count} votes {reason}; they do not count"
-            for reason, count in reasons.items()
-        ]
-    if not votes:
-        none = "--votes: no vote counts; give files that the study's page saved"
-        raise LinesError("\n".join(skipped) or none)
-    return list(votes.values()), skipped
+            continue
+        still = votes["left"].isin(valid) & votes["right"].isin(valid)
+        if not still.all():
+            skipped.append(
+                f"{path}: {(~still).sum()} votes show pictures that were restored anew"
+            )
+        tables.append(votes[still])
+    every = pd.concat(tables) if tables else pd.DataFrame()
+    if every.empty:
+        raise LinesError("\n".join(skipped))
+    once = every.drop_duplicates(["study", "observer", "n"])
+    if len(once) < len(every):
+        skipped.append(f"{len(every) - len(once)} votes are in several files; they count once")
+    return once, skipped
 
 
-def _votes(
-    path: Path, keys: Mapping[str, Key], reasons: Counter[str]
-) -> Iterator[tuple[int, Vote]]:
-    """Yield the votes of a file with their numbers; reasons: counts those that are none."""
+def _votes(path: Path, keys: Mapping[str, Key]) -> list[dict[str, Any]]:
+    """The votes of a file. Raises InputError if any of them is none."""
     remedy = "give a file that the study's page saved"
     with reading(path, remedy):
         if regular(path).stat().st_size > _MOST_BYTES:
@@ -86,35 +66,28 @@ def _votes(
         told = read_json(path, remedy, of_data=True)
         study = told["study"]
         observer = told["observer"]
-        given = list(told["votes"])
-        if (told["format"], told["version"]) != _FORMAT or not (
-            isinstance(observer, str) and 1 <= len(observer) <= 64
-        ):
+        is_named = isinstance(observer, str) and 1 <= len(observer) <= 64
+        if (told["format"], told["version"]) != _FORMAT or not is_named:
             raise ValueError("another format")
-    if not isinstance(study, str) or study not in keys:
-        raise InputError(
-            f"is of another study, '{str(study)[:20]}'",
-            path,
-            "give it with the results it is of",
-        )
-    key = keys[study]
-    for one in given:
-        try:
-            n = one["n"]
+        if study not in keys:
+            raise InputError(
+                f"is of another study, '{str(study)[:20]}'",
+                path,
+                "give it with the results it is of",
+            )
+        votes = []
+        for one in told["votes"]:
+            left = keys[study].pictures[one["left"]]
+            right = keys[study].pictures[one["right"]]
+            is_pair = (left.scene, left.view) == (right.scene, right.view)
+            if not is_pair or left.method == right.method or not isinstance(one["n"], int):
+                raise ValueError("a vote on pictures that the study does not compare")
             won = _WON[one["choice"]]
-            left, right = (key.pictures[one[side]] for side in ("left", "right"))
-        except (KeyError, TypeError):
-            reasons["are damaged, or name pictures that the study does not have"] += 1
-            continue
-        if not isinstance(n, int):
-            reasons["are damaged"] += 1
-        elif (left.scene, left.view) != (
-            right.scene,
-            right.view,
-        ) or left.method == right.method:
-            reasons["compare pictures that the study does not compare"] += 1
-        else:
-            yield n, Vote(study, observer, left, right, won)
+            names = {"study": study, "observer": observer, "n": one["n"]}
+            votes.append({**names, "left": left, "right": right, "won": won})
+        if not votes:
+            raise ValueError("no vote")
+        return votes
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,15 +100,18 @@ class Numbered:
     observers: list[str]
 
 
-def as_numbers(votes: Sequence[Vote]) -> Numbered:
+def as_numbers(votes: DataFrame) -> Numbered:
     """Number methods, views and observers of votes."""
-    both = [(vote.left.method, vote.right.method) for vote in votes]
+    both = [
+        (left.method, right.method)
+        for left, right in zip(votes["left"], votes["right"], strict=True)
+    ]
     sides, methods = pd.Index(np.ravel(both)).factorize(True)
     places, views = pd.MultiIndex.from_tuples(
-        [(vote.left.scene, vote.left.view) for vote in votes]
+        [(left.scene, left.view) for left in votes["left"]]
     ).factorize(True)
-    people, observers = pd.Index([vote.observer for vote in votes]).factorize(True)
-    won = np.array([vote.won for vote in votes])
+    people, observers = pd.Index(votes["observer"]).factorize(True)
+    won = votes["won"].to_numpy()
     numbers = statistics.Votes(len(methods), sides[::2], sides[1::2], won, places, people)
     return Numbered(numbers, methods.tolist(), views.tolist(), observers.tolist())
 
@@ -178,7 +154,7 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
         )
     valid = {design.Shown.of_row(row) for row in restorations(rows).itertuples()}
     votes, skipped = read_votes(paths, known, valid)
-    dataset, *others = sorted({known[vote.study].dataset for vote in votes})
+    dataset, *others = sorted({known[study].dataset for study in votes["study"]})
     if others:
         raise InputError(
             f"--votes: of several datasets, {', '.join([dataset, *others])}; give those of one"
