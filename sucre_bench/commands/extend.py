@@ -167,20 +167,14 @@ def _wrapped(head: str, text: str) -> list[str]:
 @click.command()
 @shared.argument("kind", of=shared.KINDS)
 @shared.argument("name", of=None)
-@shared.option(
-    "--package",
-    of=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    help="Write a package with this plugin into DIR.",
-)
 @shared.flag("--depth", help="Write a method that needs depth.")
-def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
+def new(kind: Any, name: str, depth: bool) -> None:
     """Write a working plugin to start from, and its test.
 
     \b
     sucre-bench new method warm_up_reds
     sucre-bench new method fade_less --depth
-    sucre-bench new metric redness --package ~/my-metrics
+    sucre-bench new metric redness
 
     In a checkout of sucre_bench, the files go into methods/, datasets/ or metrics/, and into the same folder of tests/.
     Elsewhere they go into the current folder. The command overwrites nothing.
@@ -189,7 +183,7 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
 
     if depth and kind != "method":
         raise click.UsageError("--depth is for methods")
-    written = write_new(kind, name, Path.cwd(), package, depth)
+    written = write_new(kind, name, Path.cwd(), depth)
     for path in written.files:
         click.echo(f"{'wrote':8} {shown_path(path)}")
     for what, command in written.commands:

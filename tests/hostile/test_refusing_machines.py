@@ -101,12 +101,6 @@ FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
         r"parted/parts: .*Permission denied; let",
     ),
     "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: .*written.*; "),
-    "write a plugin": (
-        "full",
-        0o500,
-        "new method mine --package full",
-        r"full/.*: .*written.*; ",
-    ),
 }
 
 

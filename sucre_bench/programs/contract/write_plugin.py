@@ -1,4 +1,4 @@
-"""Writes a plugin to start from, with its test: into this repository, into a folder, or as a package of its own."""
+"""Writes a plugin to start from, with its test: into this repository, or into a folder."""
 
 import builtins
 import importlib.util
@@ -41,84 +41,56 @@ def checkout_of(folder: Path) -> Path | None:
     return None
 
 
-def write_new(
-    kind: Kind, name: str, here: Path, package: Path | None = None, depth: bool = False
-) -> Written:
+def write_new(kind: Kind, name: str, here: Path, depth: bool = False) -> Written:
     """Write a plugin and its test.
 
-    here: the folder the command is given in; package: the folder of a package to make for it; depth: write a method
-    that needs depth. Raises InputError for an invalid or taken name, and if a file exists already.
+    here: the folder the command is given in; depth: write a method that needs depth.
+    Raises InputError for an invalid or taken name, and if a file exists already.
     """
     _check_name(kind, name)
-    checkout = None if package else checkout_of(here)
-    if not checkout:
-        _check_module(name, "module" if package else "file")
     cls = "".join(part.capitalize() for part in name.split("_"))
     if cls in {*dir(builtins), *sucre_bench.__all__, *_IMPORTED}:
         # the file and its test use these names
         cls += kind.capitalize()
+    checkout = checkout_of(here)
+    if checkout:
+        plugin = checkout / f"{kind}s" / f"{name}.py"
+        test = checkout / "tests" / f"{kind}s" / f"test_{name}.py"
+        called = name
+    else:
+        _check_module(name)
+        plugin = here / f"{name}.py"
+        test = here / f"test_{name}.py"
+        called = plugin.name  # no command finds it by its name
     about: dict[str, Any] = {
         "kind": kind,
         "name": name,
         "cls": cls,
         "depth": depth,
-        "module": name,
+        # of my_method_2 the class would be called my_method2
+        "is_named": plugins.snake_case(cls) != name,
+        "place": "house" if checkout else "folder",
     }
-    # of my_method_2 the class would be called my_method2
-    about["is_named"] = plugins.snake_case(cls) != name
-    place = "folder"
-    folder = here
-    tests = here
-    commands: list[tuple[str, str]] = []
-    files: dict[Path, str] = {}  # and the template of each
-    if package:
-        title = package.resolve().name
-        module = re.sub(r"\W", "_", title).lower()
-        if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
-            raise InputError(
-                f"{title}: cannot be a package's name; call the folder like my-restorers"
-            )
-        _check_module(module, "package")
-        distribution = re.sub(r"_+", "-", module).strip("-")
-        about |= {"package": module, "module": f"{module}.{name}", "distribution": distribution}
-        place = "package"
-        folder = package / "src" / module
-        tests = package / "tests"
-        files = {
-            package / "pyproject.toml": "pyproject.toml.j2",
-            package / "README.md": "readme.md.j2",
-        }
-        files[folder / "__init__.py"] = "init.py.j2"
-        commands += [
-            ("install", f"pip install -e {shlex.quote(str(package))}"),
-            ("list", f"sucre-bench list {kind}s"),
-        ]
-    elif checkout:
-        place = "house"
-        folder = checkout / f"{kind}s"
-        tests = checkout / "tests" / f"{kind}s"
-    test = tests / f"test_{name}.py"
-    files |= {folder / f"{name}.py": f"{kind}.py.j2", test: f"test_{kind}.py.j2"}
-    _write(files, about | {"place": place})
-
-    file = f"{name}.py" if place == "folder" else ""  # no command finds it by its name
-    return Written(tuple(files), (*commands, *_next_commands(kind, name, file, test)))
+    _write({plugin: f"{kind}.py.j2", test: f"test_{kind}.py.j2"}, about)
+    return Written((plugin, test), _next_commands(kind, name, called, test))
 
 
-def _next_commands(kind: Kind, name: str, file: str, test: Path) -> list[tuple[str, str]]:
-    """What to type next, with a word for each. file: the plugin's, if no command finds it by its name."""
-    plugin = f"--plugin {file} " if file else ""
+def _next_commands(
+    kind: Kind, name: str, called: str, test: Path
+) -> tuple[tuple[str, str], ...]:
+    """What to type next, with a word for each. called: the plugin's name, or its file if no command finds the name."""
+    plugin = "" if called == name else f"--plugin {called} "
     job = {
         "method": f"-m {plugin}dataset=demo method=underwater,{name} every=4",
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
         "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
     root = " dataset.root=DIR" if kind == "dataset" else ""
-    return [
-        ("check", f"sucre-bench check {file or name}{root}"),
+    return (
+        ("check", f"sucre-bench check {called}{root}"),
         ("test", f"python -m pytest {shlex.quote(shown_path(test))}"),
         ("run", f"sucre-bench run {job}"),
-    ]
+    )
 
 
 def _check_name(kind: Kind, name: str) -> None:
@@ -134,7 +106,7 @@ def _check_name(kind: Kind, name: str) -> None:
         raise InputError(f"{name}: there is a {kind} of that name; use another, my_{name}")
 
 
-def _check_module(name: str, what: str) -> None:
+def _check_module(name: str) -> None:
     """Refuse names of modules: a file numpy.py would be imported in place of numpy by tests beside it."""
     try:
         taken = importlib.util.find_spec(name) is not None
@@ -142,7 +114,7 @@ def _check_module(name: str, what: str) -> None:
         taken = True
     if taken:
         raise InputError(
-            f"{name}: a {what} of that name would hide Python's {name}; use another, my_{name}"
+            f"{name}: a file of that name would hide Python's {name}; use another, my_{name}"
         )
 
 

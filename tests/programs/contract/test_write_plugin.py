@@ -1,6 +1,5 @@
 """What `sucre-bench new` writes works as it is, wherever it is written, and nothing is lost by it."""
 
-import re
 import shlex
 import shutil
 import subprocess
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from support.colmap_folder import write_image
-from support.command_line import install
 from support.messages import names
 from support.places import ROOT
 
@@ -80,17 +78,6 @@ def test_files_in_a_checkout_go_where_they_belong_and_pass_their_tests(checkout:
     assert "7 passed" in pytest_in(checkout, PYTHONPATH=str(checkout))
 
 
-def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
-    done = new("method", "tried_out", "--package", "my-restorers")
-    assert "install  pip install -e my-restorers" in done.stdout
-    install(folder / "my-restorers", folder / "there")
-    listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
-    assert re.search("^tried_out +Multiply ", listed, re.MULTILINE)
-    assert "2 passed" in pytest_in(
-        folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there")
-    )
-
-
 def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
     for name in "ab":
         write_image(
@@ -125,12 +112,6 @@ def test_names_that_cannot_be_are_refused(
     folder: Path, kind: str, name: str, named: str
 ) -> None:
     assert {name, named} <= names(new(kind, name).exception)
-    assert not list(folder.iterdir())
-
-
-@pytest.mark.parametrize("title", ["my pkg ü", "3d", "class"])
-def test_a_package_gets_a_name_that_can_be_installed(folder: Path, title: str) -> None:
-    assert "my-restorers" in str(new("method", "tried", "--package", title).exception)
     assert not list(folder.iterdir())
 
 
