@@ -8,7 +8,6 @@ rule's docstring is what the plugin does if it keeps the rule.
 import contextlib
 import importlib
 import inspect
-import re
 import subprocess
 import sys
 import time
@@ -102,9 +101,6 @@ class Subject:
 
     on: str = ""
     """The dataset on which a method is tried, empty for none."""
-
-    factor: int = 1
-    """By which made scenes are enlarged for a method that cannot restore small images."""
 
     @property
     def file(self) -> Path:
@@ -221,30 +217,20 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
     """
     from sucre_bench.programs.contract import rules_datasets, rules_methods, rules_metrics
 
-    of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[
-        subject.plugin.kind
-    ]
+    of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}
     of_all: list[Rule] = [is_described, is_installed, imports_lightly]
     at_rest = (*of_all, rules_datasets.names_what_is_missing)
-    obstacle = subject.obstacle
     slow = (imports_lightly, rules_methods.restores_a_scene)
-    heard = set[str]()
-    if of_kind is rules_methods and not obstacle:
-        subject = rules_methods.with_scenes_large_enough(subject)
-    for rule in (*of_all, *of_kind.rules(subject.plugin)):
-        if lasting or rule not in slow:
-            outcome = check_rule(subject, rule, "" if rule in at_rest else obstacle)
-            breaches = set[str]()
-            for level, text in outcome.findings if of_kind is rules_methods else ():
-                if level == "breach":  # the exception that it names, whatever its numbers
-                    named = re.search(r"\w+(?:Error|Exception): .+?(?= at \S+:\d|;|$)", text)
-                    breaches.add(re.sub(r"\d+", "0", named[0]) if named else text)
-            if breaches and breaches <= heard:  # one cause, which breaks every rule
-                outcome = outcome._replace(findings=(), skipped="for the reason above")
-            if outcome.skipped in heard:
-                outcome = outcome._replace(skipped="for the reason above")
-            heard |= breaches | {outcome.skipped} - {""}
-            yield outcome
+    obstacle = subject.obstacle
+    for rule in (*of_all, *of_kind[subject.plugin.kind].rules(subject.plugin)):
+        if rule in slow and not lasting:
+            continue
+        outcome = check_rule(subject, rule, "" if rule in at_rest else obstacle)
+        # a method that restores no view breaks every rule for the same cause
+        restores_none = rule is rules_methods.restores_a_view and outcome.status == "broken"
+        if restores_none or (outcome.skipped and outcome.skipped == obstacle):
+            obstacle = "for the reason above"
+        yield outcome
 
 
 def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
@@ -257,21 +243,15 @@ def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
     started = time.perf_counter()
     said = list[str]()
     skipped = ""
-    with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(), contextlib.redirect_stdout(sys.stderr):
+        # of a division by zero, for example
+        warnings.simplefilter("error", RuntimeWarning)
         try:
             said.extend(rule(subject))  # also what comes before an exception
         except NotApplicableError as reason:
             skipped = one_line(reason)
         except ANY_FAULT as fault:
             said.append(raised(subject, fault))
-    for one in heard:
-        place = f"{one.category.__name__} at {Path(one.filename).name}:{one.lineno}"
-        warning = f"{place}: {' '.join(str(one.message).split())}"
-        if issubclass(one.category, RuntimeWarning):
-            said.append(f"{warning}; guard it, or say what cannot be done with SolveError")
-        elif subject.owns(one.filename):
-            said.append(Doubt(f"{warning}; follow its advice"))
     levels: dict[type[str], Level] = {Doubt: "doubt", Note: "note"}
     findings = tuple(
         Finding(levels.get(type(text), "breach"), str(text)) for text in dict.fromkeys(said)

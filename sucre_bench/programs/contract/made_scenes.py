@@ -1,13 +1,12 @@
 """Made scenes for trying plugins: a flat wall before two cameras, and difficult images."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.camera import centred_camera, scaled_camera
+from sucre_bench.camera import centred_camera
 from sucre_bench.degrade import Degradation, degraded_whole
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import HAS, Arrays, Chart, Scene, View, Water
@@ -18,7 +17,7 @@ WATER = Water(
 )
 _IN_WATER = Degradation(add_water=WATER)
 
-NOISE = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
+NOISE = np.random.default_rng(0).random((64, 96, 3), dtype=np.float32)
 NOISE.setflags(write=False)
 
 # Every dive has these: open water, glare, no red channel, thumbnails.
@@ -66,26 +65,6 @@ def wall(
         )
     has = {"depth", "poses", "reference", "truth"} | ({"charts"} if charts else set())
     return Scene("wall", views, frozenset(has), water)
-
-
-def enlarged(scene: Scene, factor: int) -> Scene:
-    """The scene with each pixel as a square of factor x factor pixels."""
-    if factor == 1:
-        return scene
-    views = []
-    for view in scene:
-        loaded = [view.pixels.load(plane) for plane in ("rgb", "depth", "reference")]
-        rgb, *others = (
-            None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1)
-            for p in loaded
-        )
-        assert rgb is not None
-        camera = view.camera and scaled_camera(
-            view.camera, (view.camera.width * factor, view.camera.height * factor)
-        )
-        charts = [replace(chart, corners=chart.corners * factor) for chart in view.charts]
-        views.append(replace(view, pixels=Arrays(rgb, *others), camera=camera, charts=charts))
-    return replace(scene, views=views)
 
 
 def submerged() -> Scene:
