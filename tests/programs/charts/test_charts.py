@@ -25,9 +25,10 @@ from sucre_bench.commands.data import charts
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
+from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.view_files import Files
-from sucre_bench.programs.charts.charts_json import ChartsFile
-from sucre_bench.programs.charts.proposals import Proposal, detect, propose
+from sucre_bench.programs.charts.charts_json import store_charts
+from sucre_bench.programs.charts.proposals import detect, propose
 from sucre_bench.programs.charts.server import PageServer
 from sucre_bench.programs.charts.session import Session
 from sucre_bench.scene import Arrays, Chart, View
@@ -148,25 +149,17 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
         "images": {"a.png": {"one": TILTED.tolist()}},
     }
     path.write_text(json.dumps(old))
-    file = ChartsFile(path, sizes)
-    file.propose([_proposal("b.png", "one")])
-    file.turn_down("b.png", "two")
-    file.propose([_proposal("b.png", "two")])
-    file.confirm("b.png", [file.chart("b.png", "three", "dgk", TILTED.tolist())])
-    file.save()
+    store_charts(path, {"b.png": [Chart("three", "dgk", TILTED)]})
     content = json.loads(path.read_text())
     assert (content["note"], content["images"]["a.png"]) == (
         "by hand",
         {"one": TILTED.tolist()},
     )
-    again = ChartsFile(path, sizes)
-    assert [(c.name, c.kind) for c in again.confirmed("b.png")] == [("three", "dgk")]
-    assert [p.chart.name for p in again.proposed("b.png")] == ["one"], "two was turned down"
-    assert again.confirmed("a.png")[0].kind == "colorchecker24"
-
-
-def _proposal(view: str, name: str) -> Any:
-    return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
+    again = read_charts(path, sizes)
+    assert [(c.name, c.kind) for c in again["b.png"]] == [("three", "dgk")]
+    assert again["a.png"][0].kind == "colorchecker24"
+    store_charts(path, {"b.png": []})
+    assert list(read_charts(path, sizes)) == ["a.png"]
 
 
 # -- the page's server -------------------------------------------------------------------------------------------
@@ -178,8 +171,7 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
         board_view("a <b>.png", (0, 0, 0)),
         board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1),
     ]
-    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in views})
-    with PageServer(Session(views, file, "dgk")) as running:
+    with PageServer(Session(views, tmp_path / "charts.json", {}, "dgk")) as running:
         thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
         thread.start()
         yield running
@@ -220,7 +212,8 @@ def test_four_corners_are_checked_saved_and_carried_over(
     (proposed,) = json.loads(state)["views"][1]["proposed"]
     assert (proposed["name"], proposed["from"]) == ("left", "a <b>.png")
     content = json.loads((tmp_path / "charts.json").read_text())
-    np.testing.assert_allclose(content["images"]["a <b>.png"]["left"], corners, atol=0.006)
+    stored = content["images"]["a <b>.png"]["left"]["corners"]
+    np.testing.assert_allclose(stored, corners, atol=0.006)
     get(server.url + "save", {"number": 1, "charts": [], "turned_down": ["left"]})
     assert json.loads(get(server.url + "state")[1])["views"][1]["proposed"] == [], (
         "not proposed again"
@@ -368,7 +361,6 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
         (["dataset=demo", "--kind", "nosuch.csv"], "nosuch.csv"),
         (["nowhere/images/a.png"], "nowhere/images/a.png"),
         ([], "view"),
-        (["dataset=demo", "dataset.image_scale=0.5"], "dataset.image_scale=0.5"),
         (["dataset=demo", "dataset.width=64", "dataset.height=48"], "'demo'"),
     ],
 )
@@ -386,22 +378,31 @@ def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: P
     assert not list(tmp_path.rglob("charts.json"))
 
 
-def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("word", "named"),
+    [
+        ("dataset.undistort=true", "dataset.undistort=true"),
+        ("dataset.image_scale=0.5", "image_scale"),
+        ("degrade.noise=0.1", "degrade"),
+    ],
+)
+def test_corners_are_not_marked_in_changed_images(
+    tmp_path: Path, word: str, named: str
+) -> None:
     write_scene(tmp_path)
-    words = ("dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept")
-    with refused("dataset.undistort=true", "corners"):
-        marked(*words)
+    with refused(named, "corners"):
+        marked("dataset=colmap", f"dataset.root={tmp_path}", word, "--accept")
 
 
 def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
     views = two_views()
     bad = replace(views[1], name="bad.png", pixels=Files(tmp_path / "bad.png", (240, 180)))
-    names = ("a.png", "b.png", "bad.png")
-    file = ChartsFile(tmp_path / "charts.json", dict.fromkeys(names, (240, 180)))
-    file.confirm("a.png", views[0].charts)
-    session = Session([bad], file, "dgk", views)
+    charts = {"a.png": views[0].charts}
+    session = Session([bad], tmp_path / "charts.json", charts, "dgk", views)
     session.prepare()
-    file.propose([replace(file.proposed("b.png")[0], view="bad.png")])
+    session.proposals["bad.png"] = session.proposals["b.png"]
+    for name, proposal in session.proposals["bad.png"].items():
+        session.proposals["bad.png"] = {name: replace(proposal, view="bad.png")}
     accepted, doubtful = session.accept()
     assert [proposal.view for proposal in accepted] == ["b.png"]
     assert [
