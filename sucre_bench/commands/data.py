@@ -41,11 +41,6 @@ _HEADS = (
     help="Where to write the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
 @shared.flag("--no-sheet", help="Write no contact sheet.")
-@shared.path_option(
-    "--write-set",
-    metavar="FILE.csv",
-    help="Write the views' names, sizes and fingerprints as a test set, for dataset.split=FILE.csv.",
-)
 @shared.option(
     "--most",
     default=400,
@@ -59,7 +54,6 @@ def describe(
     as_json: bool,
     sheet: Path | None,
     no_sheet: bool,
-    write_set: Path | None,
     most: int,
     force: bool,
 ) -> None:
@@ -82,22 +76,9 @@ def describe(
 
     if sheet is not None:
         check_output(sheet, "contact sheet", force=force)
-    if write_set is not None:
-        check_output(write_set, "table", force=force)
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
-    if write_set is not None:
-        chosen = [len(one.views) for one in selections]
-        whole = len(selections[0].scene)
-        if chosen != [whole] or whole > most:
-            remedy = f"choose one scene, all its views, and --most {whole}"
-            raise InputError(
-                f"takes one whole scene, and {sum(chosen)} views are chosen",
-                "--write-set",
-                remedy,
-            )
-    with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
         like = sheet or Path("sheet.png")
         sheets = [
@@ -125,9 +106,6 @@ def describe(
         if sheets:
             write_atomically(sheets[n], one.sheet(sheets[n].suffix))
             click.echo(f"sheet    {sheets[n]}", err=as_json)
-    if write_set is not None:
-        write_atomically(write_set, described[0].table().encode())
-        click.echo(f"set      {write_set}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
 

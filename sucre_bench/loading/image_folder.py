@@ -80,7 +80,8 @@ def image_folder_scene(
     if not names:
         raise no_image(folder)
     if split:
-        name, names = members_in(folder, names, split)
+        name = split
+        names = members_in(folder, names, split)
     found = {} if references is None else _references(names, references, subfolders)
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.

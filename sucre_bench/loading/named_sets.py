@@ -11,9 +11,8 @@ made of 998 of them differs in at most 60, but for one picture.
 
 import csv
 import functools
-import io
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
@@ -25,7 +24,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import AnyArray, Array, Size
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.text_formats import first_few
 
@@ -35,7 +33,6 @@ _ALIKE = 60
 _COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
 _SIDE = 64
 _FREQUENCIES = 16
-_HEAD = ("name", "other_names", "width", "height", "image", "reference")
 _ABOUT = ("about", "of", "source", "licence", "used_by")
 _SHOWN = 4  # names in a sentence
 
@@ -57,9 +54,6 @@ class Print:
 
     colour: bytes
     """The mean R, G, B in 0 to 255."""
-
-    def __str__(self) -> str:
-        return (self.bits + self.colour).hex()
 
 
 def print_of(image: AnyArray) -> Print:
@@ -136,76 +130,31 @@ class NamedSet:
 @functools.cache
 def named_sets() -> Mapping[str, NamedSet]:
     """Return the shipped sets by name."""
-    tables = sorted(
-        (file for file in files(__package__).joinpath("sets").iterdir()),
-        key=lambda file: file.name,
-    )
-    texts = {
-        table.name.removesuffix(".csv"): table.read_text(encoding="utf-8") for table in tables
-    }
-    return {name: _parsed(name, name, text) for name, text in texts.items()}
+    tables = sorted(files(__package__).joinpath("sets").iterdir(), key=lambda file: file.name)
+    sets = [
+        _parsed(table.name.removesuffix(".csv"), table.read_text(encoding="utf-8"))
+        for table in tables
+    ]
+    return {one.name: one for one in sets}
 
 
-def named_set(name: str) -> NamedSet:
-    """Return a shipped set, or that of a table of one's own, NAME.csv. InputError if there is none, or it is wrong."""
-    if not name.lower().endswith(".csv"):
-        if name not in named_sets():
-            raise unknown_name("split", name, named_sets(), "test set")
-        return named_sets()[name]
-    with reading(Path(name), "give the table that `sucre-bench describe --write-set` wrote"):
-        text = regular(Path(name)).read_text(encoding="utf-8-sig")
-    return _parsed(Path(name).stem, name, text)
-
-
-def _parsed(name: str, place: str, text: str) -> NamedSet:
+def _parsed(name: str, text: str) -> NamedSet:
     comments = [line[1:].partition(":") for line in text.splitlines() if line.startswith("#")]
     about = {key.strip(): value.strip() for key, _, value in comments}
-    rows = list(
-        csv.DictReader(
-            line for line in text.splitlines() if line.strip() and not line.startswith("#")
-        )
-    )
-    if not rows or not set(_HEAD) <= set(rows[0]):
-        raise InputError(
-            "is no table of a test set", place, f"give the columns {', '.join(_HEAD)}"
-        )
-    if twice := [key for key, n in Counter(row["name"] for row in rows).items() if n > 1]:
-        raise InputError(
-            f"names {first_few(twice, _SHOWN)} twice", place, "keep one row a picture"
-        )
+    table = [line for line in text.splitlines() if line and not line.startswith("#")]
     members = []
-    for row in rows:
-        at = Path(f"{place}: size or print of '{row['name']}'")
-        with reading(at, "write the table again with `sucre-bench describe --write-set`"):
-            prints = (_print_in(row[column]) for column in ("image", "reference"))
-            size = (int(row["width"]), int(row["height"])) if row["width"] else None
-            members.append(
-                Member(row["name"], tuple(row["other_names"].split()), size, *prints)
-            )
-    return NamedSet(
-        name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT}
-    )
+    for row in csv.DictReader(table):
+        size = (int(row["width"]), int(row["height"])) if row["width"] else None
+        others = tuple(row["other_names"].split())
+        image = _print_in(row["image"])
+        members.append(Member(row["name"], others, size, image, _print_in(row["reference"])))
+    said = {key: about[key] for key in _ABOUT}
+    return NamedSet(name=name, members=tuple(members), **said)
 
 
 def _print_in(text: str) -> Print | None:
-    """The print that a cell holds; None for an empty cell. Raises ValueError for anything else."""
     data = bytes.fromhex(text)
-    if len(data) not in (0, 35):
-        raise ValueError(text)
     return Print(data[:32], data[32:]) if data else None
-
-
-def set_table(name: str, members: Iterable[Member]) -> str:
-    """Return the table of a set of one's own. Whoever publishes it fills in the comments."""
-    text = io.StringIO()
-    text.write("# sucre_bench: a named test set\n")
-    text.writelines(f"# {key}: {name if key == 'about' else ''}\n" for key in _ABOUT)
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_HEAD)
-    for one in members:
-        prints = (one.image or "", one.reference or "")
-        rows.writerow((one.name, " ".join(one.other_names), *(one.size or ("", "")), *prints))
-    return text.getvalue()
 
 
 # -- which pictures are of a set ---------------------------------------------------------------------------------
@@ -260,14 +209,11 @@ class Found:
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
         lists = ("by_name", "changed", "twice", "others", "missing", "resized")
-        counts = {
+        return {
             "name": self.of.name,
             "pictures": self.pictures,
             "found": len(self.members),
             "whole": self.is_whole,
-        }
-        return {
-            **counts,
             **{name: list(getattr(self, name)) for name in lists},
             "text": self.sentence(),
         }
@@ -380,44 +326,47 @@ def _differences(
     return bits, off
 
 
-def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, list[str]]:
-    """Return a set's name, and the images of a folder that are its pictures.
+def members_in(folder: Path, images: Sequence[str], split: str) -> list[str]:
+    """Return the images of a folder that are the pictures of a set.
 
     Pictures are known by their content, whatever their names. If the folder has all names of the set, only these are
     read. Raises IncompleteSetError if a picture is missing, InputError if one is twice there or changed, and for a
     `split` that is no set.
     """
-    named = named_set(split)
+    if split not in named_sets():
+        raise unknown_name("split", split, named_sets(), "test set")
+    named = named_sets()[split]
     by_stem = {_stem(image): image for image in images}
-    likely = [
-        by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem
-    ]
-    chosen = images if len(likely) < len(named.members) else likely
+    stems = [_stem(member.name) for member in named.members]
+    if all(stem in by_stem for stem in stems):
+        images = [by_stem[stem] for stem in stems]
     pictures = {}
-    for image in track(chosen, f"looking for {split}"):
+    for image in track(images, f"looking for {split}"):
         try:
             pictures[image] = picture_of(read_rgb(folder / image))
         except InputError:
             pictures[image] = Picture((0, 0), None)  # it counts by its name
     found = found_of(named, pictures, "image")
-    copy = f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split"
-    for names, said, remedy in (
-        (found.missing, "missing", copy),
-        (found.changed, "restored, cropped or changed", "copy the originals there"),
-        (found.twice, "there twice", "keep one of each"),
-    ):
-        fault = f"of the {len(named.members)} pictures of {split}, {len(names)} {said}: {first_few(names, _SHOWN)}"
-        if names and names is found.missing:
-            incomplete = IncompleteSetError(fault, folder, remedy)
-            incomplete.found = len(found.members)
-            raise incomplete
-        if names:
-            raise InputError(fault, folder, remedy)
+
+    def fault_of(names: Sequence[str], said: str) -> str:
+        shown = first_few(names, _SHOWN)
+        return f"of the {len(named.members)} pictures of {split}, {len(names)} {said}: {shown}"
+
+    if found.missing:
+        source = named.source.partition(";")[0] or split
+        remedy = f"copy them there, see {source}, or leave out dataset.split"
+        incomplete = IncompleteSetError(fault_of(found.missing, "missing"), folder, remedy)
+        incomplete.found = len(found.members)
+        raise incomplete
+    if found.changed:
+        fault = fault_of(found.changed, "restored, cropped or changed")
+        raise InputError(fault, folder, "copy the originals there")
+    if found.twice:
+        raise InputError(fault_of(found.twice, "there twice"), folder, "keep one of each")
     if found.resized:
-        say(
-            f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes"
-        )
-    return named.name, sorted(found.members)
+        sizes = " and ".join(found.resized[:3])
+        say(f"{folder}: the pictures are {sizes}, and of {split} published at other sizes")
+    return sorted(found.members)
 
 
 def picture_of(rgb: AnyArray) -> Picture:

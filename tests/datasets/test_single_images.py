@@ -15,7 +15,8 @@ import sucre_bench as sb
 from sucre_bench.datasets.photos import U45, Lsui, Photos, Uieb
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.loading.named_sets import Member, print_of, set_table
+from sucre_bench.loading import named_sets
+from sucre_bench.loading.named_sets import Member, NamedSet, print_of
 from sucre_bench.scene import Scene
 
 
@@ -139,7 +140,9 @@ def test_lsui_has_a_scene_for_each_part(tmp_path: Path) -> None:
     assert only(Lsui(tmp_path / "test")).data_id == scenes[0].data_id
 
 
-def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) -> None:
+def test_of_lsui_only_the_part_that_has_the_named_set_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for part, seed in (("test", 0), ("train", 20)):
         for folder in ("input", "GT"):
             write_images(tmp_path / part / folder, "1.png", "2.png", seed=seed)
@@ -147,18 +150,18 @@ def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) ->
     members = [
         Member(f"m{k}", (), None, print_of(view.rgb), None) for k, view in enumerate(views)
     ]
-    table = tmp_path / "mine.csv"
-    table.write_text(set_table("mine", members))
-    scene = only(Lsui(tmp_path, split=str(table)))
+    mine = NamedSet("mine", "", "", "", "", "", tuple(members))
+    monkeypatch.setattr(named_sets, "named_sets", lambda: {"mine": mine})
+    scene = only(Lsui(tmp_path, split="mine"))
     assert (scene.name, scene.data_id) == (
         "mine",
-        only(Lsui(tmp_path / "train", split=str(table))).data_id,
+        only(Lsui(tmp_path / "train", split="mine")).data_id,
     )
     write_images(tmp_path / "u45" / "input", "1.png")  # of another set, without references
-    assert only(Lsui(tmp_path, split=str(table))).name == "mine"
+    assert only(Lsui(tmp_path, split="mine")).name == "mine"
     (tmp_path / "train" / "input" / "2.png").unlink()
     with refused("1", "2", "m1", str(tmp_path / "train" / "input")):
-        list(Lsui(tmp_path, split=str(table)).scenes())
+        list(Lsui(tmp_path, split="mine").scenes())
 
 
 def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:

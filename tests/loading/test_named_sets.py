@@ -12,7 +12,15 @@ import pytest
 from support.command_line import Done
 from support.messages import names
 
-from sucre_bench.loading.named_sets import found_of, named_sets, picture_of
+from sucre_bench.loading import named_sets as room
+from sucre_bench.loading.named_sets import (
+    Member,
+    NamedSet,
+    found_of,
+    named_sets,
+    picture_of,
+    print_of,
+)
 
 Bench = Callable[..., Done]
 N = 4
@@ -37,20 +45,25 @@ def described(bench: Bench, root: str, *words: str) -> Done:
 
 
 @pytest.fixture
-def made(bench: Bench, tmp_path: Path) -> Path:
-    """The table of a set of four pictures, written by `describe`."""
-    root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
-    done = described(bench, root, "--write-set", str(tmp_path / "made4.csv"))
-    assert done.returncode == 0, done.stderr
-    return tmp_path / "made4.csv"
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a set of four pictures, which lie in made/."""
+    pictures = {f"{k}.png": scenery(k) for k in range(N)}
+    write(tmp_path / "made", pictures)
+    members = [
+        Member(name, (), (96, 72), print_of(bgr[..., ::-1]), None)
+        for name, bgr in pictures.items()
+    ]
+    one = NamedSet("made4", "", "", "", "", "", tuple(members))
+    monkeypatch.setattr(room, "named_sets", lambda: {"made4": one})
+    return "made4"
 
 
-def scene_of(bench: Bench, root: str, table: Path) -> Done:
-    return described(bench, root, f"dataset.split={table}", "--json")
+def scene_of(bench: Bench, root: str, split: str) -> Done:
+    return described(bench, root, f"dataset.split={split}", "--json")
 
 
 def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_scene(
-    bench: Bench, made: Path, tmp_path: Path
+    bench: Bench, made: str, tmp_path: Path
 ) -> None:
     theirs = {f"x{k}.jpg": cv2.resize(scenery(k), (128, 128)) for k in range(N)}
     root = write(
@@ -80,7 +93,7 @@ def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_s
     ids=["another picture", "one for another", "twice", "brighter", "cropped"],
 )
 def test_a_set_that_is_not_as_published_is_one_line(
-    bench: Bench, made: Path, tmp_path: Path, change: dict[str, np.ndarray], named: set[str]
+    bench: Bench, made: str, tmp_path: Path, change: dict[str, np.ndarray], named: set[str]
 ) -> None:
     root = write(tmp_path / "theirs", {f"{k}.png": scenery(k) for k in range(N)} | change)
     # A fifth picture that all names of the set hide is not read: the copies have other names.
@@ -94,32 +107,8 @@ def test_a_set_that_is_not_as_published_is_one_line(
     assert named <= names(line)
 
 
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("image\na.png\n", {"columns", "other_names"}),
-        (
-            "name,other_names,width,height,image,reference\na.png,,,,,\na.png,,,,,\n",
-            {"a.png", "twice"},
-        ),
-        (
-            "name,other_names,width,height,image,reference\na.png,,8,8,abc,\n",
-            {"a.png", "print"},
-        ),
-    ],
-)
-def test_a_wrong_table_is_one_line(
-    bench: Bench, tmp_path: Path, text: str, named: set[str]
-) -> None:
-    (tmp_path / "t.csv").write_text(text)
-    done = scene_of(bench, write(tmp_path / "made", {"a.png": scenery(0)}), tmp_path / "t.csv")
-    assert done.returncode == 2
-    (line,) = done.errors
-    assert named <= names(line)
-
-
 def test_an_unknown_set_is_one_line_with_the_nearest_name(bench: Bench, tmp_path: Path) -> None:
-    done = scene_of(bench, write(tmp_path / "made", {"a.png": scenery(0)}), Path("u9"))
+    done = scene_of(bench, write(tmp_path / "made", {"a.png": scenery(0)}), "u9")
     assert (done.returncode, len(done.errors)) == (2, 1)
     assert "'u90'" in done.stderr
 
@@ -170,11 +159,8 @@ def test_other_pictures_are_of_no_set_and_what_a_method_made_of_its_own_are() ->
 
 
 def test_scores_say_the_set_of_the_references_and_the_rows_keep_it(
-    bench: Bench, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, made: str, tmp_path: Path
 ) -> None:
-    from sucre_bench.loading import named_sets as room
-
-    monkeypatch.setattr(room, "named_sets", lambda: {"made4": room.named_set(str(made))})
     restored = {
         f"{k}.png": np.clip(scenery(k) * 1.2 + 9, 0, 255).astype(np.uint8) for k in range(N)
     }
@@ -186,14 +172,3 @@ def test_scores_say_the_set_of_the_references_and_the_rows_keep_it(
     done = bench("score", root, "--metrics", "uciqe", "--format", "csv")
     assert pd.read_csv(io.StringIO(done.stdout))["scene"].isna().all()
     assert {"3.png", "missing", "changed", "1"} <= names(done.stderr)
-
-
-def test_a_set_that_would_lack_pictures_is_refused_before_any_is_read(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
-    monkeypatch.setattr("sucre_bench.programs.describe.description.look_at", None)
-    for word in ("--most=2", "every=2"):
-        done = described(bench, root, "--write-set", str(tmp_path / "few.csv"), word)
-        assert (done.returncode, len(done.errors)) == (2, 1), done.stderr
-        assert "--write-set" in done.stderr

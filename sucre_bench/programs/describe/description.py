@@ -14,7 +14,7 @@ from sucre_bench.arrays import Array, Size, evenly
 from sucre_bench.engine.preflight import Selection
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.drawing import contact_sheet, depth_colours, font, save_marked
-from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
+from sucre_bench.loading.named_sets import Found, Picture, recognised_sets
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.geometry_faults import Fault
@@ -94,20 +94,6 @@ class Described:
             "shared": self.shared,
             "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
         }
-
-    def table(self) -> str:
-        """Return the table of the views that it describes as a named test set."""
-        members = (
-            Member(
-                look.facts.name,
-                (),
-                (look.facts.width, look.facts.height),
-                look.print,
-                look.reference_print,
-            )
-            for look in self.looks
-        )
-        return set_table(self.scene, members)
 
     def sheet(self, suffix: str = ".png") -> bytes:
         """Return the contact sheet as PNG or JPEG, by the suffix."""

@@ -109,9 +109,8 @@ class Look:
     charts: Array
     """(C, 4, 2), corners in pixels of the reduced size."""
 
-    # Of the picture and of the reference, see `named_sets`.
     print: Print | None
-    reference_print: Print | None
+    """Of the picture, see `named_sets`."""
 
 
 def look_at(view: View, reference: bool) -> Look:
@@ -170,8 +169,8 @@ def look_at(view: View, reference: bool) -> Look:
     if depth is not None:  # by picking pixels: a mean of two surfaces would lie on neither
         depth = np.asarray(cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST_EXACT))
         distance = distance_map(camera, depth) if camera else depth
-    prints = (None if plane is None else print_of(plane) for plane in (picture, target))
-    return Look(view, facts, picture, depth, distance, camera, corners, *prints)
+    known_by = None if picture is None else print_of(picture)
+    return Look(view, facts, picture, depth, distance, camera, corners, known_by)
 
 
 def _loaded(view: View, plane: str) -> tuple[Array | None, str]:
