@@ -21,7 +21,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Size
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.resizing import Form, split_variant
+from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.loading.find_folders import bare_stems, without_suffix, without_zeros
 from sucre_bench.loading.named_sets import Found
 from sucre_bench.machine.files import reading, regular
@@ -31,7 +31,6 @@ Cells = Mapping[str, str]  # of a row, by header
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
-_MSE = "mse"
 _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
 _SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
@@ -44,11 +43,6 @@ _FURTHER = (
     "@range2",
     "@minmax",
 )
-# DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
-_PEAK = "@peak250"
-_PEAK_LESS = 10 * math.log10(255 / 250)
-_RARE = (*_FURTHER, _PEAK, "wrapped")
-
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
 # rounding inside a program moves single pictures.
 _MOST = 0.95
@@ -82,9 +76,6 @@ class Column:
     """As the table has it."""
 
     cells: tuple[Cell, ...]
-
-    white: float = 0.0
-    """The square of white, where the numbers are the mean squared errors (MSE) that PSNR is made of; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +184,7 @@ def _columns(
     is_none = True
     places = [(header, n) for header, names in named.items() for n in range(len(names))]
     for header, place in places:
-        name = named[header][place]
-        metric = "psnr" if name == _MSE else name
+        metric = named[header][place]
         if lacking := known[metric].needs - has:
             remedy = (
                 "give --reference"
@@ -207,8 +197,6 @@ def _columns(
             continue
         is_none = False
         factor = 1.0
-        if name == _MSE and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
-            factor = 1000.0
         numbers = [
             (label, images, _number(_part(row[header], place, len(named[header]))))
             for label, images, row in rows
@@ -226,10 +214,7 @@ def _columns(
             for label, images, number in numbers
             if number
         )
-        white = 0.0
-        if name == _MSE:
-            white = 255.0**2 if any(cell.value > 1 for cell in cells) else 1.0
-        yield Column(metric, header, cells, white)
+        yield Column(metric, header, cells)
     if is_none:
         possible = sorted(
             name for name, plugin in known.items() if plugin.needs <= {"reference"}
@@ -298,8 +283,8 @@ def _turned(rows: Sequence[Cells]) -> list[Cells]:
 
 
 def _named(header: str) -> list[str]:
-    """The metrics that a header names, in order: whole words, or their parts between "_"; MSE for PSNR's error."""
-    known = {*plugins.usable("metric"), _MSE}
+    """The metrics that a header names, in order: whole words, or their parts between "_"."""
+    known = plugins.usable("metric")
     words: list[str] = []
     for word in re.findall(r"[a-z0-9_]+", header.lower()):
         words += [word] if word in known else word.split("_")
@@ -405,52 +390,53 @@ def search(
     import pandas as pd
 
     metrics = dict.fromkeys(column.metric for column in table.columns)
-    every = list[str]()
-    for metric in metrics:
-        # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
-        variants = plugins.usable("metric")[metric].variants
-        whole = {name for name in variants if name.endswith("unmasked")}
-        twins = {name.removesuffix("-unmasked") for name in whole}
-        if whole:
-            twins |= {"masked", "raw"}
-        every += [f"{metric}:{name}" for name in variants if name in whole or name not in twins]
-    names = [f"{name}{size}" for size in _at(sizes) for name in every]
-    scores = score([name for name in names if name.startswith("psnr:")] or names)
-    for stage in ("of the fitting sizes", "all", "unusual"):
+    at = _at(sizes)
+    names = [f"{name}{size}" for size in at for metric in metrics for name in _variants(metric)]
+    tried = [name for name in names if name.startswith("psnr:")] or names
+    scores = score(tried)
+    for stage in ("at the fitting sizes", "all", "unusual"):
         found = [(column.metric, compare(column, scores)) for column in table.columns]
         fitting = {_size_of(one.variant) for _, several in found for one in several if one.fits}
-        tried = {f"{metric}:{one.variant}" for metric, several in found for one in several}
         more = list[str]()
         for metric, several in found:
-            plugin = plugins.usable("metric")[metric]
-            if (several and several[0].fits) or (
-                stage == "unusual" and "reference" not in plugin.needs
-            ):
+            if several and several[0].fits:
                 continue
             of_metric = [name for name in names if name.partition(":")[0] == metric]
-            if stage == "unusual":  # forms of the two nearest variants, of those of every pixel
-                bases = [name for name in plugin.variants if name.endswith("unmasked")]
-                near = {
-                    one.variant.partition("@")[0].removesuffix("-unmasked")
-                    for one in several[:2]
-                }
-                bases = [
-                    name for name in bases if name.removesuffix("-unmasked") in near
-                ] or bases
-                of_metric = [
-                    f"{metric}:{b}{size}{form}"
-                    for b in bases
-                    for size in _at(sizes)
-                    for form in _FURTHER
-                ]
-            if stage == "of the fitting sizes":
+            if stage == "at the fitting sizes":
                 of_metric = [name for name in of_metric if _size_of(name) in fitting]
+            elif stage == "unusual":
+                bases = _nearest_bases(metric, several)
+                of_metric = [
+                    f"{b}{size}{form}" for b in bases for size in at for form in _FURTHER
+                ]
             more += [name for name in of_metric if name not in tried]
         if more:
+            tried = [*tried, *more]
             new = score(more)
             of_whole = new[~new["view"].isin(new.loc[new["status"] != "ok", "view"])]
             scores = pd.concat([scores, of_whole], ignore_index=True)
     return scores
+
+
+def _variants(metric: str) -> list[str]:
+    """The variants that differ on pictures without holes: of "masked" and "unmasked" the second."""
+    variants = plugins.usable("metric")[metric].variants
+    whole = {name for name in variants if name.endswith("unmasked")}
+    twins = {name.removesuffix("-unmasked") for name in whole}
+    if whole:
+        twins |= {"masked", "raw"}
+    return [f"{metric}:{name}" for name in variants if name in whole or name not in twins]
+
+
+def _nearest_bases(metric: str, found: Sequence[Candidate]) -> list[str]:
+    """The variants of every pixel of which unusual forms are tried: those of the two nearest, or else all."""
+    plugin = plugins.usable("metric")[metric]
+    if "reference" not in plugin.needs:
+        return []
+    whole = [name for name in plugin.variants if name.endswith("unmasked")]
+    near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in found[:2]}
+    bases = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
+    return [f"{metric}:{name}" for name in bases]
 
 
 def _size_of(name: str) -> str:
@@ -473,16 +459,10 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
 
     Images that no variant has a score of, as those that cannot be read, are left out, also of means.
     """
-    import pandas as pd
-
     is_of_column = (scores["metric"] == column.metric) & (scores["region"] == "image")
     ok = scores[is_of_column & (scores["status"] == "ok")]
     values = ok.pivot(index="view", columns="variant", values="value")
     values = values[ok["variant"].unique()]
-    if column.white:
-        values = column.white * 10 ** (-values / 10)
-    elif column.metric == "psnr":
-        values = pd.concat([values, (values - _PEAK_LESS).add_suffix(_PEAK)], axis=1)
     of_scored = [
         replace(cell, images=tuple(name for name in cell.images if name in values.index))
         for cell in column.cells
@@ -511,9 +491,16 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
                 at=known[there[off.argmax()]].label,
                 fits=bool(not candidate.lacking and close.mean() >= _MOST and near.all()),
             )
-        if candidate.fits or not candidate.variant.endswith(_PEAK):
-            candidates.append(candidate)
-    return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))
+        candidates.append(candidate)
+    return sorted(
+        candidates,
+        key=lambda one: (not one.fits, one.fits and _is_rare(one), one.lacking, one.mean),
+    )
+
+
+def _is_rare(one: Candidate) -> bool:
+    """Whether a variant is unusual: among many of these one may give one or two numbers by chance."""
+    return any(form in one.variant for form in (*_FURTHER, "wrapped"))
 
 
 # -- the answer in words -----------------------------------------------------------------------------------------
@@ -529,79 +516,45 @@ def answer(
     if not found:
         return f"{column.metric}: no variant has a score of these images."
     numbers = [cell.value for cell in column.cells]
-    # Among many forms one may give one or two numbers by chance.
-    usual = [
-        one for one in found if not (one.fits and any(form in one.variant for form in _RARE))
-    ]
-    by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
-    best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
-    is_one = len(numbers) == 1
-    yours = f"Your {len(numbers)} numbers of '{column.header}'"
-    if is_one:
-        yours = f"Your {numbers[0]:.{digits}f}"
-
-    def words_of(one: Candidate) -> str:
-        name = in_words(column.metric, one.variant, size)
-        return name.replace("PSNR", "MSE", 1) if column.white else name
-
-    what = words_of(best)
+    best = found[0]
+    what = in_words(column.metric, best.variant, size)
     where = f"on {sets[0].place()}" if sets else "on pictures of no named set"
+    yours = f"Your {len(numbers)} numbers of '{column.header}' are"
+    if len(numbers) == 1:
+        yours = f"Your {numbers[0]:.{digits}f} is"
     if best.fits:
-        either = dict.fromkeys(words_of(one) for one in found if one.fits)
-        either.pop(what)
-        more = f" (or {', or '.join(list(either)[:2])})" if either else ""
-        text = f"{yours} {'is' if is_one else 'are'} {what}{more} {where}"
+        also = [in_words(column.metric, one.variant, size) for one in found[1:3] if one.fits]
+        either = f", or {', or '.join(also)}," if also else ""
+        text = f"{yours} {what}{either} {where}"
+        if _is_rare(best) and len(numbers) < 3:
+            text += ", perhaps by chance, as many forms were tried"
     else:
         off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
-        if is_one:
-            off = f"{best.value:.{digits}f}, {best.mean:.2g} away"
-        text = f"{yours} fit{'s' if is_one else ''} no public form; the nearest is {what} {where}: {off}"
-    if by_chance:
-        text += f" ({words_of(found[0])} gives it{' too' * best.fits}, perhaps by chance)"
-    base, *words = best.variant.removesuffix(_PEAK).split("@")
-    # The variant "gray" resizes by itself. Y has the form of colours.
-    forms = ["".join(f"@{word}" for word in words if word != "y")]
-    if base == "gray" and not words:
-        forms = ["@256", ""]
-    colours = {
-        f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms
-    }
-    rgb = next((one for one in found if one.variant in colours), None)
-    if rgb and not what.startswith("RGB"):
-        text += f"; in RGB it is {rgb.value:.{digits}f}"
+        text = f"{yours} of no public form; the nearest is {what} {where}: {off}"
+    base, at, form = best.variant.partition("@")
+    if base.partition("-")[0] in ("gray", "luma"):
+        # the variant "gray" resizes by itself
+        forms = [f"{at}{form}"] if at else ["@256", ""]
+        names = [f"{name}{one}" for name in ("unmasked", "gaussian-unmasked") for one in forms]
+        rgb = next((one for one in found if one.variant in names), None)
+        if rgb:
+            text += f"; in RGB it is {rgb.value:.{digits}f}"
     return f"{text}."
 
 
 def in_words(metric: str, variant: str, size: Size | None) -> str:
-    """Return what a variant is: "gray PSNR at 256x256 (bilinear)". size: of all files, None if they differ."""
-    base, form = split_variant(variant.removesuffix(_PEAK))
-    form = form or Form()
-    kind = base.partition("-")[0]
+    """Return what a variant is: "gray PSNR at 256x256 (psnr:gray@256)". size: of all files, None if they differ."""
+    base, form = split_variant(variant)
     name = metric.upper()
     if metric in ("psnr", "ssim"):
-        colours = "Y of YCbCr," if form.change == "y" else "RGB"
-        if kind in ("gray", "luma"):
-            colours = "gray"
-        window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(
-            kind, ""
-        )
-        window = " of bytes that wrap around," if kind == "wrapped" else window
-        name = f"{colours} {name}{window}"
-    else:
-        name = f"{name} in the form '{base}'"
-    if form.resizing:
-        name += f" at {form.resizing.side}x{form.resizing.side} ({form.resizing.by})"
-    elif (metric, base) == ("psnr", "gray") and size != (256, 256):
-        name += " at 256x256 (bicubic)"
-    else:
-        name += f" at {size[0]}x{size[1]}" if size else " at the files' sizes"
-    if form.crop:
-        name += f" without {form.crop} pixels at each edge"
-    if form.change == "range2":
-        name += " with a range of 2"
-    if form.change == "minmax":
-        name += " of pictures stretched from least to most"
-    if variant.endswith(_PEAK):
-        name += " with 255 x 250 as squared peak"
-    return name
+        colours = "gray" if base.partition("-")[0] in ("gray", "luma") else "RGB"
+        if form and form.change == "y":
+            colours = "Y"
+        name = f"{colours} {name}"
+    if form and form.resizing:
+        size = (form.resizing.side, form.resizing.side)
+    elif (metric, base) == ("psnr", "gray"):
+        size = (_SIDE, _SIDE)
+    at = f"{size[0]}x{size[1]}" if size else "the files' sizes"
+    return f"{name} at {at} ({metric}:{variant})"
