@@ -74,9 +74,6 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
             "verify can compute no score again: --pictures restored puts the pictures in",
             "yellow",
         )
-    if made.unverifiable:
-        told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
-        say(f"nobody can verify these scores, which need more than a picture: {told}", "yellow")
     if made.local_paths:
         say(
             f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow"

@@ -3,17 +3,11 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from sucre_bench import plugins
-from sucre_bench.engine.score import needs_unrounded, scorers
-from sucre_bench.errors import ANY_FAULT, InputError, PluginError
-from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.machine import processes, progress
+from sucre_bench.errors import InputError
+from sucre_bench.machine import progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.machine.records import record_of
@@ -21,16 +15,11 @@ from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import hash_of, write_bundle
 from sucre_bench.results.rows import COSTS, restorations
 from sucre_bench.results.table import read_both
-from sucre_bench.scene import Arrays, Restoration, View
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
 Pictures = Literal["none", "restored", "all"]
 
 _TEXTS = ("config.yaml", "environment.json")
-
-_SIDE = 32  # pixels of the picture that metrics are tried on
-_LIMIT_S = 60.0  # for a score of that picture
-_HAS = frozenset({"depth", "reference", "restoration"})
 
 
 @dataclass(frozen=True)
@@ -53,10 +42,6 @@ class Bundled:
 
     local_paths: tuple[str, ...]
     """Folders of this machine that options of methods or datasets name."""
-
-    unverifiable: Mapping[str, int]
-    """Number of scores that need the restoration as it was computed, by "metric:variant"; none where the bundle
-    has no pictures."""
 
 
 def bundle_results(
@@ -104,17 +89,9 @@ def bundle_results(
     every = pd.concat([rows, common])
     made = write_bundle(path, every, files, outside, by, version_of("sucre-bench") or "")
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
-    counts = (
-        scores.groupby(["metric", "variant"], sort=False, observed=True).size()
-        if pictures != "none"
-        else {}
-    )
-    lost = {
-        f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))
-    }
     options = [json.loads(text) for text in rows["options"].unique()]
     local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
-    return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths), lost)
+    return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths))
 
 
 def _strings(value: Any) -> Iterator[str]:
@@ -123,30 +100,3 @@ def _strings(value: Any) -> Iterator[str]:
     elif isinstance(value, (dict, list)):
         for inner in value.values() if isinstance(value, dict) else value:
             yield from _strings(inner)
-
-
-def _needs_unrounded(metric: str, variant: str) -> bool:
-    """Whether `needs_unrounded` says so of a small picture.
-
-    False where that is not known: the metric is not registered here, or needs more than a view with depth and
-    reference.
-    """
-    try:
-        (scorer,) = scorers(metric_choices([f"{metric}:{variant}"]), limit_s=_LIMIT_S)
-    except ANY_FAULT:
-        return False
-    if plugins.missing_needs(scorer.plugin, _HAS):
-        return False
-    rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
-    view = View(
-        "a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1])
-    )
-    changes = partial(needs_unrounded, scorer, Restoration(rgb), view)
-    try:
-        return (
-            processes.call(changes, "mend the metric")
-            if scorer.plugin.is_foreign
-            else changes()
-        )
-    except PluginError:
-        return True

@@ -6,7 +6,7 @@ import functools
 import itertools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -21,85 +21,34 @@ from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.machine import processes
-from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of, seed_of, typed
-from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.rows import Row, RowCode
-from sucre_bench.scene import Restoration, Scene, Score, View
+from sucre_bench.scene import Restoration, Scene, View
 
 Key = tuple[str, str, str]  # metric, variant, region
 
-_CONFIG = "config.yaml"
-_MOST_BYTES = 4_000_000  # of a stranger's YAML that is read
 # Within the cube of rounding a score may differ more than at its corners: de00 1.08 times, in 1 of 9,776 scores.
 _WITHIN = 1.2
 
 
-def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
-    """Return a function of (metric, variant, `code` of a row): the metric with the options that made the row's score.
+def metric_of(metric: str, variant: str, options_hash: str) -> Scorer | str:
+    """Return a metric with its default options, or why it cannot compute a score again.
 
-    The options are the defaults, or stand in the bundle's configuration. The function returns text if it finds none:
-    why the metric cannot be used.
+    options_hash: of the options that the score was made with.
     """
-    recorded: list[Mapping[str, Any]] = []
+    plugin = plugins.get("metric", metric)
+    if plugin is None:
+        return f"no metric {metric} is registered here; add --plugin FILE"
+    if plugin.is_of_pairs:
+        return f"{metric} is of several restored views together"
     try:
-        if bundle.entries.get(_CONFIG, math.inf) <= _MOST_BYTES:
-            told = read_yaml(bundle.read(_CONFIG).decode())
-            jobs = [told, *told.get("jobs", [])]
-            recorded = [
-                dict(metric) for job in jobs for metric in job.get("metrics", {}).values()
-            ]
-    except ANY_FAULT:
-        recorded = []  # a stranger's file that cannot be read
-
-    @functools.cache
-    def made(metric: str, variant: str, options_hash: str) -> Scorer | str:
-        plugin = plugins.get("metric", metric)
-        if plugin is None:
-            return f"no metric {metric} is registered here; add --plugin FILE"
-        if plugin.is_of_pairs:
-            return f"{metric} is of several restored views together"
-        try:
-            (choice,) = metric_choices([f"{metric}:{variant}"])
-        except SucreBenchError:
-            return f"{metric} has no variant {variant} here"
-        types = {option.name: option.type for option in options_of(plugin.cls)}
-        default = {option.name: option.default for option in options_of(plugin.cls)}
-        given = [{}, default, *(one for one in recorded if one.get("name") == metric)]
-        for options in (
-            {name: typed(types[name], one[name]) for name in types if name in one}
-            for one in given
-        ):
-            choice = replace(choice, options=options)
-            if RowCode("", metric_code(choice)).metric_options != options_hash:
-                continue
-            if any(isinstance(value, Path) for value in options.values()):
-                return (
-                    f"an option of {metric} names a file"  # of this user, chosen by a stranger
-                )
-            try:
-                (scorer,) = scorers([choice])
-            except SucreBenchError:
-                return f"{metric} does not accept the bundle's options here"
-            return (
-                replace(scorer, metric=_Apart(scorer.metric)) if plugin.is_foreign else scorer
-            )
-        return f"the bundle does not say the options of {metric}"
-
-    return lambda metric, variant, code: made(
-        metric, variant, RowCode.read(code).metric_options
-    )
-
-
-class _Apart:
-    """A metric of others, which scores in a process of its own: it may end its process."""
-
-    def __init__(self, metric: Any) -> None:
-        self._metric = metric
-
-    def score(self, *scored: Any) -> list[Score]:
-        return processes.call(lambda: list(self._metric.score(*scored)), "mend the metric")
+        choices = metric_choices([f"{metric}:{variant}"])
+        (scorer,) = scorers(choices)
+    except SucreBenchError as fault:
+        return f"{metric}:{variant} cannot be computed here, {one_line(fault)}"
+    if RowCode("", metric_code(choices[0])).metric_options != options_hash:
+        return f"{metric} was computed with options of its own"
+    return scorer
 
 
 def scores_of(
@@ -154,22 +103,23 @@ class Pictured:
         row = self.rows[key]
         if stored == row.value:
             return 0.0
+        if not math.isfinite(row.value):
+            around = self._around(scorer, key)
+            # A patch that is gray in 8 bits has no hue, whichever it had before. A picture without any error was
+            # rounded to it from what has some.
+            is_gray = math.isnan(row.value) and "charts" in scorer.plugin.needs
+            is_perfect = any(
+                min(one, row.value) <= stored <= max(one, row.value) for one in around
+            )
+            return 0.0 if around and (is_gray or is_perfect) else math.inf
         period = scorer.plugin.period
-        if math.isfinite(row.value) and math.isfinite(stored):
-            scale = period / 2 if math.isfinite(period) else max(abs(stored), size)
-            apart = max(0.0, _difference(stored, row.value, period) - 1e-9)
-            if apart > tolerance * scale:
-                around = self._around(scorer, key)
-                reach = max((_difference(one, row.value, period) for one in around), default=0)
-                apart = max(0.0, apart - _WITHIN * reach)
-            return apart / scale if apart else 0.0
-        around = self._around(scorer, key)
-        if math.isnan(row.value):
-            # a patch that is gray in 8 bits has no hue, whichever it had before
-            return 0.0 if around and "charts" in scorer.plugin.needs else math.inf
-        # a picture without any error was rounded to it from what has some
-        is_between = any(min(one, row.value) <= stored <= max(one, row.value) for one in around)
-        return 0.0 if math.isinf(row.value) and is_between else math.inf
+        scale = period / 2 if math.isfinite(period) else max(abs(stored), size)
+        apart = max(0.0, _difference(stored, row.value, period) - 1e-9)
+        if apart > tolerance * scale:
+            around = self._around(scorer, key)
+            reach = max((_difference(one, row.value, period) for one in around), default=0)
+            apart = max(0.0, apart - _WITHIN * reach)
+        return apart / scale if apart else 0.0
 
     def _around(self, scorer: Scorer, key: Key) -> list[float]:
         """Return scores of pictures that differ by rounding, as far as they are finite.

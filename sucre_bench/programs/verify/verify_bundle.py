@@ -25,7 +25,7 @@ from sucre_bench.machine.files import reading
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.verify import TOLERANCE
-from sucre_bench.programs.verify.score_again import Pictured, Scenes, metrics_of, open_data
+from sucre_bench.programs.verify.score_again import Pictured, Scenes, metric_of, open_data
 from sucre_bench.results.bundle_format import LIMITS, SCORES, Bundle
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
@@ -277,9 +277,9 @@ class _Check:
     ) -> None:
         self._bundle = bundle
         self._scenes = scenes
+        self._metric = functools.cache(metric_of)
         self._tolerance = tolerance
         self._outcome = outcome
-        self._metric = metrics_of(bundle)
         self._picture = functools.lru_cache(maxsize=4)(functools.partial(_picture, bundle))
         self._opened = functools.partial(_opened, bundle, self._picture)
         self._unrounded: dict[tuple[str, str, str], bool] = {}
@@ -389,7 +389,10 @@ class _Check:
             if opened.reference:
                 reference = self._picture(opened.reference).pixels
             view = View(row.view, Arrays(rgb, reference=reference))
-        chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]
+        chosen = [
+            self._metric(score.metric, score.variant, RowCode.read(score.code).metric_options)
+            for score in scores
+        ]
         pictured = Pictured(
             restoration,
             opened.step,
