@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sucre_bench.arrays import CHANNELS, Array
+from sucre_bench.arrays import CHANNELS
 from sucre_bench.multiview.geometry_faults import Fault, geometry_faults
 from sucre_bench.multiview.overlaps import Overlap
 from sucre_bench.programs.describe.facts import Look, ViewFacts, placed
@@ -18,9 +18,6 @@ _FLAT = 0.004
 # shares of pixels
 _SATURATED = 0.05
 _COVERED = 0.5
-# The mean difference of reduced pictures: 8-bit levels, and a share of the deviation, which is small in the dark.
-_SAME = 0.5
-_SAME_SHARE = 0.02
 
 
 def find_faults(
@@ -143,33 +140,16 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
 
 
 def _twins(looks: Sequence[Look]) -> list[Fault]:
-    """Faults for equal pictures (compared at 16 x 16 pixels), equal depth maps, and views with both."""
-    import cv2
-
-    tiny: list[
-        tuple[Array, list[str]]
-    ] = []  # a picture, and the names of the views that have it
+    """Faults for views whose pictures, or depth maps, or both, are equal at reduced size."""
+    pictures = defaultdict(list)
     maps = defaultdict(list)
     for look in looks:
-        name = look.facts.name
         if look.picture is not None and look.picture.std() > 255 * _FLAT:
-            small: Array = np.asarray(
-                cv2.resize(
-                    look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA
-                )
-            )
-            least = min(_SAME, _SAME_SHARE * float(small.std()))
-            same = (names for other, names in tiny if np.abs(other - small).mean() < least)
-            if group := next(same, None):
-                group.append(name)
-            else:
-                tiny.append((small, [name]))
+            pictures[look.picture.tobytes()].append(look.facts.name)
         if look.depth is not None and np.ptp(look.depth) > 0:
-            maps[look.depth.tobytes()].append(name)
-    alike, shared = (
-        {tuple(names) for names in groups if len(names) > 1}
-        for groups in ([names for _, names in tiny], maps.values())
-    )
+            maps[look.depth.tobytes()].append(look.facts.name)
+    alike = {tuple(names) for names in pictures.values() if len(names) > 1}
+    shared = {tuple(names) for names in maps.values() if len(names) > 1}
     kinds = (
         ("twins", "picture and depth map", "keep one", alike & shared),
         ("twin pictures", "picture", "keep one", alike - shared),
