@@ -137,24 +137,22 @@ def is_repeatable(subject: Subject) -> Lines:
 def names_what_is_missing(subject: Subject) -> Lines:
     """Names a folder that is missing or empty, in one line."""
     asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.is_required]
+    if not asked:
+        return
+    remedy = f'raise InputError(f"{{self.{asked[0]}}}: what is wrong; what to do")'
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:
-        whats = {
-            Path(empty, "not-there"): "a folder that is not there",
-            Path(empty): "an empty one",
-        }
-        for option, (place, what) in (
-            (option, item) for option in asked for item in whats.items()
+        for place, what in (
+            (Path(empty, "not-there"), "a folder that is not there"),
+            (Path(empty), "an empty folder"),
         ):
-            remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
+            options = {**subject.options, **dict.fromkeys(asked, place)}
             try:
-                _opened(
-                    Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)})
-                )
+                _opened(Subject(subject.plugin, options))
             except InputError as fault:
                 said = one_line(fault)
                 if str(place) not in said or "; " not in said or "\n" in str(fault):
-                    yield f"{option}, {what}: says only '{said}'; {remedy}"
+                    yield f"{asked[0]}, {what}: says only '{said}'; {remedy}"
             except Exception as fault:
-                yield f"{option}, {what}: {one_line(fault).split('; ')[0]}; {remedy}"
+                yield f"{asked[0]}, {what}: {one_line(fault).split('; ')[0]}; {remedy}"
             else:
-                yield f"{option}, {what}: opens all the same; {remedy}"
+                yield f"{asked[0]}, {what}: opens all the same; {remedy}"

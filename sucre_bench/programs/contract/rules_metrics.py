@@ -3,19 +3,14 @@
 A metric scores one restored view, or pairs of them. `_rows` tries either kind on a scene.
 """
 
-import functools
 import math
-from collections.abc import Callable, Iterable
-from contextlib import suppress
 
 import numpy as np
 
-from sucre_bench.arrays import Array, locked
+from sucre_bench.arrays import Array
 from sucre_bench.engine.across_views import Entrant, pair_rows
 from sucre_bench.engine.score import score_rows, scorers
-from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
-from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Lines, Note, Rule, Subject
@@ -28,9 +23,9 @@ from sucre_bench.programs.contract.made_scenes import (
     submerged,
     wall,
 )
-from sucre_bench.restored_pair import RestoredPair, RestoredView
+from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.rows import Row
-from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
+from sucre_bench.scene import Chart, Restoration, Scene, View, Water
 
 
 def rules(plugin: Plugin) -> list[Rule]:
@@ -95,10 +90,6 @@ def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str]) -> L
         if row.status == "failed" and row.reason not in heard:
             heard.add(row.reason)
             remedy = "mend it; where there is nothing to score, yield nothing"
-            if "read-only" in row.reason:
-                remedy = "work on a copy"
-            elif "not iterable" in row.reason:
-                remedy = "score() yields each Score, it does not return one"
             yield f"{at}: {row.reason.split('; ')[0]}; {remedy}"
         elif row.status == "ok" and not low <= row.value <= high:
             yield f"{at}: {row.region} scores {row.value:g}, not in {low:g} to {high:g}; correct it, or range="
@@ -182,29 +173,9 @@ def prefers_the_truth(subject: Subject) -> Lines:
 
 def gives_the_same_twice(subject: Subject) -> Lines:
     """Gives the same score twice."""
-    metric = subject.make()
-    attempts: list[Callable[[str], Iterable[Score]]]
-    if subject.plugin.is_of_pairs:
-        scene = submerged()
-        points = SharedPoints(scene.views)
-        here, there = (_restored(view, view.rgb) for view in scene)
-        shared = points.of(points.overlaps()[0])
-        assert shared is not None
-        attempts = [functools.partial(metric.score_pair, RestoredPair(here, there, shared))] * 2
-    else:
-        view = charted()[TARGET]
-        shown = display(view.rgb.copy(), "none")
-        restoration = Restoration(view.rgb, WATER, info={"true_water": WATER})
-        # of a read-only picture metrics may remember what they compute, see `arrays.once`
-        kept = locked(shown)
-        attempts = [
-            functools.partial(metric.score, restoration, one, view)
-            for one in (shown, kept, kept)
-        ]
-    for variant in subject.plugin.variants:
-        with suppress(NotApplicableError):  # other variants may apply
-            first, *others = (
-                [repr(score) for score in attempt(variant)] for attempt in attempts
-            )
-            if any(other != first for other in others):
-                yield f"{variant}: another score the second time; seed what is random"
+    scene = submerged() if subject.plugin.is_of_pairs else charted()
+    first, second = _rows(subject, scene), _rows(subject, scene)
+    for one, other in zip(first, second, strict=True):
+        if repr(one.value) != repr(other.value):
+            yield f"{one.variant}: another score the second time; seed what is random"
+            return

@@ -305,7 +305,7 @@ def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(
             "scores_no_holes",
             "0.5",
         ),
-        (JUDGED, "lower", "shown[:] = 0", "gives_the_same_twice", "input"),
+        (JUDGED, "lower", "shown[:] = 0", "stays_in_range", "ValueError"),
         (
             JUDGED,
             "lower",
