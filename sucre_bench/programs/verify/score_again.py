@@ -163,7 +163,7 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
         where = f"{row.dataset} / {row.scene}"
         root = places[row.dataset]
         try:
-            scene, data_id = _scene(row, root)
+            scenes[row.dataset, row.scene] = _scene(row, root)
         except SucreBenchError as fault:
             faults.append(f"{where}: {one_line(fault)}")
         except ANY_FAULT as fault:
@@ -171,18 +171,11 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
             faults.append(
                 f"{where}: its options cannot be used ({one_line(fault)}); ask who made the bundle"
             )
-        else:
-            if data_id == row.data_id:
-                scenes[row.dataset, row.scene] = scene
-            else:
-                faults.append(
-                    f"{where}: the data in {root} are {data_id}, the scores of {row.data_id}"
-                )
     return scenes, list(dict.fromkeys(faults))
 
 
-def _scene(row: Any, root: Path) -> tuple[Scene, str]:
-    """Return the scene of a row as it was restored, and its data_id. Raises InputError if it does not open here."""
+def _scene(row: Any, root: Path) -> Scene:
+    """Return the scene of a row as it was restored. Raises InputError if it does not open, or no data are those."""
     told = json.loads(row.options)
     given = dict(told["dataset"])
     degrade = dict(told.get("degrade", {}))
@@ -208,16 +201,13 @@ def _scene(row: Any, root: Path) -> tuple[Scene, str]:
     seed = seed_of(Degradation.of(degrade).seed, "degrade", replicate)
     drawn = Degradation.of({**degrade, "seed": seed})
     scenes = open_scenes(Choice(plugin, row.dataset, options, replicate=replicate))
-    # The scene of the same data, or else of the same name. One that is called after a moved folder is renamed.
+    # A scene that is called after a moved folder is renamed.
     name, _ = results.unreplicated(row.scene)
-    alike = [
-        scene for scene in scenes if row.data_id and drawn.data_id(scene.data_id) == row.data_id
-    ]
-    named = [scene for scene in scenes if scene.name == name]
-    found = alike or named or (scenes if len(scenes) == 1 else [])
-    if not found:
-        raise InputError(f"{root}: has no scene '{name}'; give the folder of the same data")
-    return degraded_whole(replace(found[0], name=name), drawn), drawn.data_id(found[0].data_id)
+    there = {drawn.data_id(scene.data_id): scene for scene in scenes}
+    if not row.data_id or row.data_id not in there:
+        fault = f"the data in {root} are {', '.join(there)}, the scores of {row.data_id}"
+        raise InputError(f"{fault}; give the folder of the same data")
+    return degraded_whole(replace(there[row.data_id], name=name), drawn)
 
 
 def _leads_out(text: str) -> bool:
