@@ -114,7 +114,6 @@ def _show(one: Described) -> None:
     """Print a description: facts, a table of views, the distances, and faults."""
     lines = [*_facts(one).items()]
     lines += [("set", found.sentence()) for found in one.sets]
-    lines += [("overlap", text) for text in one.shared]
     for name, text in lines:
         terminal.show(f"{name:8} {text}")
     between = {overlap.view: overlap for overlap in one.overlaps}

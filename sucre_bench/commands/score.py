@@ -109,8 +109,8 @@ def score(
             else score_rows(names)
         )
     scored = replace(found[0], rows=rows)
-    for line in (*(found.sentence() for found in scored.sets), *scored.shared):
-        say(f"set  {line}", "dim")
+    for one in scored.sets:
+        say(f"set  {one.sentence()}", "dim")
     if file:
         write_atomically(file, csv_text(rows, for_spreadsheets=True).encode())
     form = "json" if as_json else how

@@ -11,7 +11,6 @@ made of 998 of them differs in at most 60, but for one picture.
 
 import csv
 import functools
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -206,6 +205,11 @@ class Found:
         """Whether the folder's pictures are the set, all of it and nothing else."""
         return bool(self.pictures == len(self.members) == len(self.of.members))
 
+    def fullness(self) -> float:
+        """Return the share that the set and the folder have in common, of all their pictures."""
+        n = len(self.members)
+        return n / (self.pictures + len(self.of.members) - n)
+
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
         lists = ("by_name", "changed", "twice", "others", "missing", "resized")
@@ -374,39 +378,20 @@ def picture_of(rgb: AnyArray) -> Picture:
     return Picture((rgb.shape[1], rgb.shape[0]), print_of(rgb))
 
 
-def recognised_sets(pictures: Mapping[str, Picture]) -> tuple[list[Found], list[str]]:
+def recognised_sets(pictures: Mapping[str, Picture]) -> list[Found]:
     """Return the sets of which half is there, or that half of the pictures are of, the fullest first.
 
-    And a line for the overlap with each other set of the same dataset. Names alone tell a set only if the pictures have
-    nine of ten of its names.
+    Names alone tell a set only if the pictures have nine of ten of its names.
     """
     found = []
-    shared = list[Found]()
     for named in named_sets().values():
         one = found_of(named, pictures)
-        whole = len(named.members)
-        least = (
-            0.9 * whole
-            if len(one.by_name) > len(one.members) / 2
-            else 0.5 * min(one.pictures, whole)
-        )
-        if len(one.members) < max(1, least):
-            shared += [one] if len(one.members) > len(one.by_name) else []
-        else:
+        least = 0.5 * min(one.pictures, len(named.members))
+        if len(one.by_name) > len(one.members) / 2:
+            least = 0.9 * len(named.members)
+        if len(one.members) >= max(1, least):
             found.append(one)
-    found.sort(
-        key=lambda one: (
-            -len(one.members) / (one.pictures + len(one.of.members) - len(one.members))
-        )
-    )
-    parents = {one.of.of for one in found[:1]}
-    lines = defaultdict[str, list[str]](list)
-    for one in shared:
-        if one.of.of in parents:
-            n = len(one.members) - len(one.by_name)
-            trained = f"so {one.pictures - n} may have trained {one.of.used_by}"
-            lines[one.of.of].append(f"{n} are of {one.of.name}, {trained}")
-    return found, [line for of_parent in lines.values() for line in of_parent]
+    return sorted(found, key=Found.fullness, reverse=True)
 
 
 def _stem(name: str) -> str:

@@ -57,9 +57,6 @@ class FolderScores:
     sets: Sequence[Found]
     """The named test sets of its references, or else of its images."""
 
-    shared: Sequence[str]
-    """What these references or images share with other sets, a line each."""
-
 
 def _fitting(
     path: Path, size: tuple[int, ...], reference: tuple[int, ...], metrics: Sequence[str]
@@ -153,12 +150,11 @@ def score_folder(
         )
     _say_if_of_other_reference(images, outlines)
     rows = pd.concat(tables, ignore_index=True)
-    sets, shared = recognised_sets(pictures)
+    sets = recognised_sets(pictures)
     rows = rows.assign(scene=next((found.of.name for found in sets if found.is_whole), ""))
     return FolderScores(
         rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)],
         sets,
-        shared,
     )
 
 

@@ -68,9 +68,6 @@ class Described:
     sets: list[Found]
     """The named test sets of its photographs."""
 
-    shared: list[str]
-    """What its photographs share with other sets, a line each."""
-
     @property
     def facts(self) -> list[ViewFacts]:
         """The facts of its views."""
@@ -91,7 +88,6 @@ class Described:
             and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
             "distances": {"edges": self.edges, "shares": self.shares},
             "sets": [found.as_object() for found in self.sets],
-            "shared": self.shared,
             "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
         }
 
@@ -177,7 +173,6 @@ def described(selection: Selection, most: int) -> Described:
         look.facts.name: Picture((look.facts.width, look.facts.height), look.print)
         for look in looks
     }
-    sets, shared = recognised_sets(pictures)
     if values.size:
         low, high = np.percentile(values, [0.5, 99.5])
         counts, bounds = np.histogram(values.clip(low, high), bins=_BINS if high > low else 1)
@@ -196,6 +191,5 @@ def described(selection: Selection, most: int) -> Described:
         edges=edges,
         shares=shares,
         faults=find_faults(looks, between, scale is not None),
-        sets=sets,
-        shared=shared,
+        sets=recognised_sets(pictures),
     )
