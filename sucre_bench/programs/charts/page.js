@@ -116,10 +116,7 @@ async function changed() {
   byId("preview").hidden = false;
   byId("fault").textContent = seen.fault || `patches in order (${Math.round(100 * seen.explained)} % explained)`;
   byId("fault").classList.toggle("fine", !seen.fault);
-  if (seen.rectified) {
-    byId("rectified").src = seen.rectified;
-    drawExpected(seen);
-  }
+  if (seen.aspect) drawExpected(seen);
 }
 
 function drawExpected(seen) {

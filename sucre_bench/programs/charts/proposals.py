@@ -156,22 +156,16 @@ def _seen_at(view: View, points: Array) -> Array | None:
     )
     if not ((z > 0).all() and is_readable and _has_depth(view)):
         return None
-    # Compare the chart's plane, at a grid of places, with the view's own depth.
-    grid = (np.arange(9) + 0.5) / 9
-    place = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-    across, down = points[1] - points[0], points[3] - points[0]
-    slant = points[2] - points[0] - across - down
-    on_chart = (
-        points[0]
-        + place[:, :1] * across
-        + place[:, 1:] * down
-        + place.prod(axis=1, keepdims=True) * slant
-    )
-    at, Z = project(view.camera, moved(on_chart, view.cam_from_world))
+    # Compare the chart's plane with the view's own depth, at a grid of places on the chart.
+    steps = (np.arange(9) + 0.5) / 9
+    x, y = (one.reshape(-1, 1) for one in np.meshgrid(steps, steps))
+    top = (1 - x) * points[0] + x * points[1]
+    bottom = (1 - x) * points[3] + x * points[2]
+    at, Z = project(view.camera, moved((1 - y) * top + y * bottom, view.cam_from_world))
     d = depth_at(view.depth, at)
-    agrees = (d > 0) & (np.abs(Z - d) <= _AGREES * Z)
     known = d > 0
-    seen = known.mean() >= 0.5 and agrees[known].mean() >= 0.8
+    agrees = np.abs(Z - d)[known] <= _AGREES * Z[known]
+    seen = known.mean() >= 0.5 and agrees.mean() >= 0.8
     return corners if seen else None
 
 

@@ -1,6 +1,5 @@
 """A session of marking charts: opened for the words of a command; what the page shows and sends, as plain values."""
 
-import base64
 import threading
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,10 +13,9 @@ from sucre_bench.arrays import Array, Size
 from sucre_bench.engine.preflight import select
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
-from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
+from sucre_bench.imaging.chart_patches import measure, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.jobs.word_syntax import quoted
 from sucre_bench.loading.charts_file import chart_of, read_charts
 from sucre_bench.loading.view_files import Files
@@ -26,9 +24,6 @@ from sucre_bench.machine.files import expanded
 from sucre_bench.programs.charts.charts_json import store_charts
 from sucre_bench.programs.charts.proposals import DETECTABLE, Proposal, detect, overlap, propose
 from sucre_bench.scene import Chart, View
-
-_AS_STORED = "corners are kept in pixels of the images as they are stored"
-_PREVIEW = 300  # pixels, the longer side of a rectified chart
 
 
 @dataclass
@@ -168,27 +163,12 @@ class Session:
         )
 
     def check(self, number: int, kind: str, corners: Any) -> dict[str, Any]:
-        """A chart with these corners: rectified, with measured and expected patches, and its fault."""
-        import cv2
-
+        """A chart with these corners: the measured and expected colours of its patches, and its fault."""
         view = self._numbered(number)
         chart = self._chart(view, "chart", kind, corners)
         about, shown = chart_kind(chart.kind), _picture(view)
-        scale = _PREVIEW / max(about.width, about.height)
-        width = round(about.width * scale)
-        height = round(about.height * scale)
-        to_image = image_from_chart(chart.corners) @ np.diag([1 / width, 1 / height, 1])
-        # OpenCV has pixel centres at whole numbers
-        centres = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
-        homography = centres @ to_image @ np.linalg.inv(centres)
-        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        flat = np.asarray(
-            cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32
-        )
-        png = encode_png(to_8bit(flat)[..., ::-1])
         patches = [
             {
-                "name": one.patch.name,
                 "box": one.patch.box,
                 "measured": _css(one.rgb),
                 "expected": _css(one.patch.srgb),
@@ -197,7 +177,6 @@ class Session:
         ]
         order = reading_order(shown, chart)
         return {
-            "rectified": "data:image/png;base64," + base64.b64encode(png).decode(),
             "patches": patches,
             "fault": order.fault,
             "explained": None if np.isnan(order.explained) else round(order.explained, 2),
@@ -207,10 +186,7 @@ class Session:
     def save(self, number: int, charts: Any, turned_down: Any = ()) -> dict[str, Any]:
         """Make these the charts of a view, propose them in the others, write the file, return the new state."""
         view = self._numbered(number)
-        try:
-            entries = [(str(c["name"]), str(c["kind"]), c["corners"]) for c in charts]
-        except (KeyError, TypeError) as fault:
-            raise InputError(f"{view.name}: not a list of charts; reload the page") from fault
+        entries = [(str(c["name"]), str(c["kind"]), c["corners"]) for c in charts]
         names = {name for name, _, _ in entries if name.strip() and "/" not in name}
         if len(names) < len(entries):
             raise InputError(
@@ -289,12 +265,10 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
         known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
         fault = f"dataset '{plugin.name}' has no charts.json in its root"
         raise InputError(fault, "charts", f"use {' or '.join(known)}")
-    if options.get("undistort"):
-        remedy = "undistort the images before, or mark charts in the distorted ones"
-        raise InputError(_AS_STORED, "dataset.undistort=true", remedy)
-    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
-        fault = f"images are not shown as they are, and {_AS_STORED}"
-        raise InputError(fault, "charts", "leave image_scale and degrade out")
+    is_scaled = options.get("image_scale", 1) != 1
+    if options.get("undistort") or is_scaled or selection.degrade.identity():
+        fault = "corners are kept in pixels of the images as they are stored"
+        raise InputError(fault, "charts", "leave undistort, image_scale and degrade out")
     # absolute, so that kinds, which may be paths, do not depend on the current folder
     path = (expanded(options["root"]) / expanded(options[plugin.charts_file])).resolve()
     marked = read_charts(path, {view.name: _size(view) for view in selection.scene.views})
