@@ -194,13 +194,10 @@ def new(kind: Any, name: str, depth: bool) -> None:
 @shared.argument("plugin", of=None)
 @shared.words_argument("overrides", None, complete_words)
 @shared.option("--kind", of=shared.KINDS, help="Needed if plugins of two kinds have this name.")
-@shared.option(
-    "--on", default="demo", metavar="DATASET", help="Dataset of the real view in the last rule."
-)
-@shared.flag("--quick", help="Leave out rules that start processes or make scenes.")
+@shared.flag("--quick", help="Leave out the rule that starts a process.")
 @shared.json_option
 def check(
-    plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool
+    plugin: str, overrides: tuple[str, ...], kind: Any, quick: bool, as_json: bool
 ) -> None:
     """Check whether a plugin keeps the contract, and say what to change.
 
@@ -221,7 +218,7 @@ def check(
 
     checked: list[dict[str, Any]] = []
     show: Callable[..., None] = (lambda *_: None) if as_json else terminal.show
-    for subject in contract.subjects(plugin, overrides, kind, on):
+    for subject in contract.subjects(plugin, overrides, kind):
         about = {
             "kind": subject.plugin.kind,
             "name": subject.plugin.name,

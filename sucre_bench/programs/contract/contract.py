@@ -99,9 +99,6 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Of the plugin."""
 
-    on: str = ""
-    """The dataset on which a method is tried, empty for none."""
-
     @property
     def file(self) -> Path:
         """The file of its class."""
@@ -164,15 +161,13 @@ class Outcome(NamedTuple):
 
 
 def subjects(
-    name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = ""
+    name: str, overrides: Sequence[str] = (), kind: Kind | None = None
 ) -> list[Subject]:
     """Return the plugin of a name, or those of a .py file, with options as `sucre-bench run` takes them.
 
-    kind: None for any; on: the dataset for trying a method. Raises InputError for an unknown or ambiguous name or an
-    unknown option, PluginError if the plugin or its file is broken.
+    kind: None for any. Raises InputError for an unknown or ambiguous name or an unknown option, PluginError if the
+    plugin or its file is broken.
     """
-    if on:
-        plugins.find("dataset", on)
     if name.endswith(".py"):
         loaded = plugins.load_file(Path(name))
         found = [plugins.find(one.kind, one.name) for one in loaded if kind in (None, one.kind)]
@@ -196,7 +191,7 @@ def subjects(
             )
         found = [plugins.find(kinds[0], name)]
     if not overrides:
-        return [Subject(plugin, on=on) for plugin in found]
+        return [Subject(plugin) for plugin in found]
     from sucre_bench.jobs import compose_jobs
 
     (plugin,) = found
@@ -207,23 +202,22 @@ def subjects(
     )
     job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0]}
-    return [Subject(plugin, choices[plugin.kind].options, on)]
+    return [Subject(plugin, choices[plugin.kind].options)]
 
 
 def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
     """Check a plugin against each rule in turn; no exception ends the check.
 
-    lasting: include the rules that start a process or use a whole dataset, which take seconds.
+    lasting: include the rule that starts a process, which takes seconds.
     """
     from sucre_bench.programs.contract import rules_datasets, rules_methods, rules_metrics
 
     of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}
     of_all: list[Rule] = [is_described, is_installed, imports_lightly]
     at_rest = (*of_all, rules_datasets.names_what_is_missing)
-    slow = (imports_lightly, rules_methods.restores_a_scene)
     obstacle = subject.obstacle
     for rule in (*of_all, *of_kind[subject.plugin.kind].rules(subject.plugin)):
-        if rule in slow and not lasting:
+        if rule is imports_lightly and not lasting:
             continue
         outcome = check_rule(subject, rule, "" if rule in at_rest else obstacle)
         # a method that restores no view breaks every rule for the same cause
@@ -267,7 +261,8 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     - name: the plugin's name;
     - options: its options.
 
-    Slow rules are left out. A rule that cannot be checked, because an option or a package is missing, counts as broken.
+    The rule that starts a process is left out. A rule that cannot be checked, because an option or a package is missing,
+    counts as broken.
     Raises InputError for an unknown name, and PluginError if the plugin cannot be imported.
 
     >>> breaches("method", "gray_world")

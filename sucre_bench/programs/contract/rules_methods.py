@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Doubt, Lines, Note, Rule, Subject, raised
+from sucre_bench.programs.contract.contract import Doubt, Lines, Rule, Subject, raised
 from sucre_bench.programs.contract.made_scenes import (
     HARD,
     NOISE,
@@ -22,8 +22,6 @@ from sucre_bench.programs.contract.made_scenes import (
 )
 from sucre_bench.scene import Chart, Restoration, Scene, Water
 
-_LASTING = 60.0  # seconds for one view of the made scene, .3 megapixels: a dive of 500 views then takes a night
-_CLIPPED = 0.05  # share of values
 # Threads may add in any order; random results differ by far more.
 _ROUNDING = 1e-5
 
@@ -36,13 +34,7 @@ def rules(plugin: Plugin) -> list[Rule]:
     of_colours = [restores_a_view, colours_what_is_valid, leaves_holes]
     if "depth" in plugin.needs:
         of_colours.append(skips_what_has_no_depth)
-    return [
-        *of_colours,
-        runs_with_least,
-        keeps_its_eyes_off,
-        is_deterministic,
-        restores_a_scene,
-    ]
+    return [*of_colours, runs_with_least, keeps_its_eyes_off, is_deterministic]
 
 
 def _restore(subject: Subject, scene: Scene) -> Restoration:
@@ -185,31 +177,3 @@ def is_deterministic(subject: Subject) -> Lines:
             difference = np.nan_to_num(np.abs(one - other), posinf=0).max()
         remedy = "seed a generator of its own, np.random.default_rng(self.seed), and keep nothing from view to view"
         yield f"the second time differs by up to {difference:.2g}; {remedy}"
-
-
-def restores_a_scene(subject: Subject) -> Lines:
-    """Restores a view of a whole scene."""
-    if not subject.on:
-        raise NotApplicableError("no scene is chosen; name a dataset with --on")
-    method, scene = subject.make(), next(python_api.load_scenes(subject.on))
-    if absent := subject.plugin.needs - scene.has:
-        raise NotApplicableError(
-            f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on"
-        )
-    view = scene.views[len(scene) // 2]
-    result = python_api.restore(method, scene, view)
-    seconds = result.info["seconds"]
-    megapixels = view.rgb.shape[0] * view.rgb.shape[1] / 1e6
-    said = f"{seconds:.2g} s, {result.info['peak_mb']:.0f} MB"
-    yield Note(
-        f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}"
-    )
-    if seconds > _LASTING:
-        remedy = "work on fewer pixels, or say so in its docstring"
-        yield Doubt(f"{seconds:.0f} s for {megapixels:.1f} megapixels; {remedy}")
-    values = result.image[result.valid]
-    outside = float(((values < 0) | (values > 1)).mean())
-    if subject.plugin.display == "none" and outside > _CLIPPED:
-        yield Doubt(
-            f"{outside:.0%} of values leave [0, 1] and are clipped; see display= of @method, or clip them"
-        )
