@@ -268,8 +268,11 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
     changed = tuple(
         names[i] for i, k in pairs.items() if bits[i, k] > _SAME or off[i, k] > _COLOURS
     )
+    kinds = ("image", "reference") if of == "either" else (of,)
     stems = {
-        _stem(member.name): k for k, member in enumerate(members) if _prints(member, of) == []
+        _stem(member.name): k
+        for k, member in enumerate(members)
+        if all(getattr(member, kind) is None for kind in kinds)
     }
     free = [i for i in range(len(names)) if i not in pairs]
     named_alike = {i: stems[_stem(names[i])] for i in free if _stem(names[i]) in stems}
@@ -295,39 +298,36 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
     )
 
 
-def _prints(member: Member, of: Of) -> list[Print]:
-    both = {"image": member.image, "reference": member.reference}
-    return [one for name, one in both.items() if of in (name, "either") and one is not None]
-
-
 def _differences(
     members: Sequence[Member], prints: Sequence[Print | None], of: Of
 ) -> tuple[Array, Array]:
-    """Return in how many bits, and by how much of 255 in a colour, pictures differ from members, both (P, M)."""
-    bits, off = (
-        np.full((len(prints), len(members)), value, np.float64) for value in (8.0 * 32, 255.0)
-    )
-    known = [i for i, one in enumerate(prints) if one is not None]
-    theirs = [(k, one) for k, member in enumerate(members) for one in _prints(member, of)]
-    if not known or not theirs:
-        return bits, off
+    """Return in how many bits, and by how much of 255 in a colour, pictures differ from members, both (P, M).
 
-    def of_all(chosen: Sequence[Any], part: str) -> npt.NDArray[np.uint8]:
-        return np.array([np.frombuffer(getattr(one, part), np.uint8) for one in chosen])
-
-    ours, members_prints = [prints[i] for i in known], [one for _, one in theirs]
-    differing = np.bitwise_count(
-        of_all(ours, "bits")[:, None] ^ of_all(members_prints, "bits")
-    ).sum(-1)
-    apart = np.abs(
-        of_all(ours, "colour")[:, None] - of_all(members_prints, "colour").astype(np.int16)
-    ).max(-1)
-    # Of a member's photograph and reference, the one that is nearer in both.
-    for j, (k, _) in enumerate(theirs):
-        is_nearer = differing[:, j] + apart[:, j] < bits[known, k] + off[known, k]
-        bits[known, k] = np.where(is_nearer, differing[:, j], bits[known, k])
-        off[known, k] = np.where(is_nearer, apart[:, j], off[known, k])
+    Of a member's photograph and reference, the one that is nearer in both counts.
+    """
+    bits = np.full((len(prints), len(members)), 256.0)
+    off = np.full((len(prints), len(members)), 255.0)
+    ours = [i for i, one in enumerate(prints) if one is not None]
+    for kind in ("image", "reference"):
+        theirs = [k for k, member in enumerate(members) if getattr(member, kind) is not None]
+        if of not in (kind, "either") or not ours or not theirs:
+            continue
+        our_bits, our_colours = _arrays([prints[i] for i in ours])
+        their_bits, their_colours = _arrays([getattr(members[k], kind) for k in theirs])
+        differing = np.bitwise_count(our_bits[:, None] ^ their_bits).sum(-1)
+        apart = np.abs(our_colours[:, None] - their_colours).max(-1)
+        at = np.ix_(ours, theirs)
+        is_nearer = differing + apart < bits[at] + off[at]
+        bits[at] = np.where(is_nearer, differing, bits[at])
+        off[at] = np.where(is_nearer, apart, off[at])
     return bits, off
+
+
+def _arrays(prints: Sequence[Any]) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int16]]:
+    """The bits (N, 32) and colours (N, 3) of prints."""
+    bits = np.array([np.frombuffer(one.bits, np.uint8) for one in prints])
+    colours = np.array([np.frombuffer(one.colour, np.uint8) for one in prints])
+    return bits, colours.astype(np.int16)
 
 
 def members_in(folder: Path, images: Sequence[str], split: str) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import fault_of, is_file
+from sucre_bench.machine.files import is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
@@ -58,40 +58,35 @@ def bundle_results(
     import pandas as pd
 
     rows, common = read_both(folder)
-    found: dict[str, bytes | Path] = {
+    files: dict[str, bytes | Path] = {
         name: folder / name for name in _TEXTS if is_file(folder / name)
     }
+    files |= {name: text.encode() for name, text in (texts or {}).items()}
+    n_texts = len(files)
+    pictures_outside: dict[str, Path] = {}
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
         picture = place.restored(folder, row.method) if place else folder / "restored"
-        if place is None or (fault := fault_of(picture)):
-            where = picture if place else f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            fault = fault if place and picture.exists() else "the restored image is gone"
-            raise InputError(fault, where, "repeat the run's command, which makes it again")
-        more = (place.original(folder), place.reference(folder))
-        found |= {
-            file.relative_to(folder).as_posix(): file
-            for file in (picture, *filter(is_file, more))
-        }
+        if place is None or not is_file(picture):
+            fault = f"the restored image of {row.dataset} / {row.method} / {row.view} is gone"
+            raise InputError(fault, picture, "repeat the run's command, which makes it again")
         if record := record_of(picture):
             name = picture.with_suffix(".json").relative_to(folder).as_posix()
-            found[name] = json.dumps(record, indent=1).encode()
-    inside = {"none": (), "restored": ("restored/",), "all": ("",)}[pictures]
-    files = {
-        name: file
-        for name, file in found.items()
-        if name in _TEXTS or name.endswith(".json") or name.startswith(inside)
-    }
-    pictures_outside = progress.track(sorted(found.keys() - files.keys()), "hashing pictures")
-    outside = {name: hash_of(found[name]) for name in pictures_outside}
-    n_inside = len(files.keys() - set(_TEXTS))
-    files |= {name: text.encode() for name, text in (texts or {}).items()}
-    every = pd.concat([rows, common])
-    made = write_bundle(path, every, files, outside, by, version_of("sucre-bench") or "")
-    scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
+            files[name] = json.dumps(record, indent=1).encode()
+        originals = (place.original(folder), place.reference(folder))
+        of_kinds = {"restored": [picture], "all": filter(is_file, originals)}
+        for kind, paths in of_kinds.items():
+            is_inside = pictures == "all" or kind == pictures
+            found = files if is_inside else pictures_outside
+            found |= {path.relative_to(folder).as_posix(): path for path in paths}
+    names = progress.track(sorted(pictures_outside), "hashing pictures")
+    outside = {name: hash_of(pictures_outside[name]) for name in names}
+    version = version_of("sucre-bench") or ""
+    made = write_bundle(path, pd.concat([rows, common]), files, outside, by, version)
+    n_scores = int(((rows["status"] == "ok") & ~rows["metric"].isin(COSTS)).sum())
     options = [json.loads(text) for text in rows["options"].unique()]
     local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
-    return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths))
+    return Bundled(path, made, n_scores, len(files) - n_texts, len(outside), tuple(local_paths))
 
 
 def _strings(value: Any) -> Iterator[str]:
