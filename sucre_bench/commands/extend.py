@@ -229,14 +229,10 @@ def check(
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
             sign, style, _ = _SIGNS[outcome.status]
-            notes = [text for level, text in outcome.findings if level == "note"]
-            if outcome.status == "broken":
-                notes = []
-            said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
+            said = f"  {outcome.skipped}" if outcome.skipped else ""
             show((f"  {sign} ", style), outcome.rule, (said, "dim"))
-            for level, text in outcome.findings:
-                if level != "note":
-                    show(f"      {text}", style=style)
+            for _, text in outcome.findings:
+                show(f"      {text}", style=style)
         counts = Counter(outcome.status for outcome in outcomes)
         parts = [
             Text(f"{counts[status]} {name}", style)

@@ -1,6 +1,6 @@
 """Checks a plugin against the contract: plain functions, the rules, each of which yields lines.
 
-A line is a breach (must be fixed), a `Doubt` (may be intended) or a `Note` (a figure). Breaches and doubts are
+A line is a breach (must be fixed) or a `Doubt` (may be intended). Both are
 "fault; remedy". Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it. The first line of a
 rule's docstring is what the plugin does if it keeps the rule.
 """
@@ -69,16 +69,12 @@ plugins.load_file(name) if name.endswith(".py") else importlib.import_module(nam
 print(time.process_time() - started, *{new.partition(".")[0] for new in set(sys.modules) - known})
 """
 
-Level = Literal["breach", "doubt", "note"]
+Level = Literal["breach", "doubt"]
 Status = Literal["kept", "broken", "doubtful", "skipped"]
 
 
 class Doubt(str):
     """What a rule yields that may be intended."""
-
-
-class Note(str):
-    """What a rule yields as a figure to show if it is kept."""
 
 
 class Finding(NamedTuple):
@@ -87,7 +83,7 @@ class Finding(NamedTuple):
     level: Level
 
     text: str
-    """One line, "fault; remedy", or a figure for a note."""
+    """One line, "fault; remedy"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,9 +242,9 @@ def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
             skipped = one_line(reason)
         except ANY_FAULT as fault:
             said.append(raised(subject, fault))
-    levels: dict[type[str], Level] = {Doubt: "doubt", Note: "note"}
     findings = tuple(
-        Finding(levels.get(type(text), "breach"), str(text)) for text in dict.fromkeys(said)
+        Finding("doubt" if isinstance(text, Doubt) else "breach", str(text))
+        for text in dict.fromkeys(said)
     )
     return Outcome(name, says, findings, time.perf_counter() - started, skipped)
 
@@ -261,8 +257,8 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     - name: the plugin's name;
     - options: its options.
 
-    The rule that starts a process is left out. A rule that cannot be checked, because an option or a package is missing,
-    counts as broken.
+    The rule that starts a process is left out. A rule that cannot be checked, because an option or a package is
+    missing, counts as broken.
     Raises InputError for an unknown name, and PluginError if the plugin cannot be imported.
 
     >>> breaches("method", "gray_world")
@@ -344,4 +340,3 @@ def imports_lightly(subject: Subject) -> Lines:
         yield f"imports {package} at once; import it in the function that uses it, and add it to requires="
     if seconds > _SLOW_IMPORT and not heavy:
         yield f"takes {seconds:.1f} s to import; move slow work into the functions that need it"
-    yield Note(f"{seconds:.2f} s")

@@ -11,10 +11,9 @@ from sucre_bench.engine.preflight import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import check_corners
-from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Lines, Note, Rule, Subject
+from sucre_bench.programs.contract.contract import Lines, Rule, Subject
 from sucre_bench.scene import Scene, View
 
 
@@ -49,7 +48,6 @@ def names_once(subject: Subject) -> Lines:
         path = PurePosixPath(name)
         if not name or path.is_absolute() or ".." in path.parts or "\\" in name:
             yield f"a view is called '{name}'; a name is a path below the images, dive/a.png"
-    yield Note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
 
 
 def planes_are_sound(subject: Subject) -> Lines:

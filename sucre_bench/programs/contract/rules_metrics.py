@@ -13,7 +13,7 @@ from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.imaging.display import display
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Lines, Note, Rule, Subject
+from sucre_bench.programs.contract.contract import Lines, Rule, Subject
 from sucre_bench.programs.contract.made_scenes import (
     HARD,
     TARGET,
@@ -167,8 +167,6 @@ def prefers_the_truth(subject: Subject) -> Lines:
             yield f"{variant}: {region} scores {best:g} when perfect, {worse:g} when spoilt; see better="
     if not perfect:
         yield "gives no score for a perfect result; it must have one where all is known"
-    else:
-        yield Note(f"{next(iter(perfect.values())):g} for a perfect result")
 
 
 def gives_the_same_twice(subject: Subject) -> Lines:
