@@ -310,7 +310,8 @@ def _differences(
     ours = [i for i, one in enumerate(prints) if one is not None]
     for kind in ("image", "reference"):
         theirs = [k for k, member in enumerate(members) if getattr(member, kind) is not None]
-        if of not in (kind, "either") or not ours or not theirs:
+        is_asked = of in (kind, "either")
+        if not (is_asked and ours and theirs):
             continue
         our_bits, our_colours = _arrays([prints[i] for i in ours])
         their_bits, their_colours = _arrays([getattr(members[k], kind) for k in theirs])
