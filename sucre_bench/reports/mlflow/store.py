@@ -18,7 +18,7 @@ from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_word
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.text_formats import masked
-from sucre_bench.results.rows import fingerprint, unreplicated
+from sucre_bench.results.rows import unreplicated
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -61,11 +61,6 @@ class Place(NamedTuple):
             self.uri if is_served else f"mlflow ui --backend-store-uri {shlex.quote(self.uri)}"
         )
 
-    @property
-    def hash(self) -> str:
-        """What identifies it, and shows no password."""
-        return fingerprint({"uri": self.uri, "experiment": self.experiment})[1]
-
 
 def connect(place: Place) -> tuple[MlflowClient, str]:
     """Return a client and the experiment's id; store and experiment are made where missing.
@@ -75,7 +70,7 @@ def connect(place: Place) -> tuple[MlflowClient, str]:
     """
     file = place.file
     artifacts = None
-    lock = Path(tempfile.gettempdir()) / f"sucre_bench-{place.hash}.lock"
+    lock = Path(tempfile.gettempdir()) / "sucre_bench-mlflow.lock"
     if file is not None:
         if awkward := set(str(file)) & set("?%#"):
             fault = f"mlflow cannot keep a store under a path with {' '.join(awkward)}"

@@ -212,6 +212,8 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
     """
     names = [text(view["name"]) for view in views]
     estimates = [view["results"][method].get("water") or {} for view in views]
+    above = {"x": 0, "xref": "paper", "y": 1, "yref": "container", "yanchor": "top"}
+    above["font"] = {"size": 13}
     made = []
     for key, _, words, unit in PARAMETERS:
         traces: list[Figure] = []
@@ -247,10 +249,10 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
             "showticklabels": False,
             "title": {"text": "views in order", "standoff": 6},
         }
-        label = f"{words}, {unit}" if unit else words
+        heading = above | {"text": f"{words}, {unit}" if unit else words}
         margin = {"l": 46, "r": 12, "t": 30, "b": 40}
         made.append(
-            figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin)
+            figure(traces, x, {"rangemode": "tozero"}, 280, title=heading, margin=margin)
         )
     return made
 
@@ -259,19 +261,6 @@ def of_water(water: Mapping[str, Any], key: str, channel: int) -> Any:
     """Return a channel of a water's parameter; None where it is not known."""
     values = water.get(key)
     return values[channel] if isinstance(values, list) and len(values) > channel else None
-
-
-def heading(label: str) -> Figure:
-    """Return the title of a small plot, above its left end."""
-    return {
-        "text": label,
-        "x": 0,
-        "xref": "paper",
-        "y": 1,
-        "yref": "container",
-        "yanchor": "top",
-        "font": {"size": 13},
-    }
 
 
 # -- colour charts: each patch as measured and expected, and errors over distance --------------------------

@@ -244,13 +244,14 @@ def water(results: StudyResults) -> Iterator[Drawn]:
                 ):
                     _parameter(panel, of_method, parameter, truth.get(symbol, ()))
                 column[0].set_title(method)
-                if truth and "true" not in axes[0, 0].get_legend_handles_labels()[1]:
-                    axes[0, 0].plot([], [], "--", color="#666666", linewidth=0.8, label="true")
             for row, (_, label) in zip(axes, _PARAMETERS.values(), strict=True):
                 row[0].set_ylabel(label)
                 low, high = row[0].get_ylim()
                 row[0].set_ylim(low, high + 0.15 * (high - low))  # room for the numbers
-            style.caption(figure, "variance of the view's distances (m²)", axes[0, 0])
+            about = (
+                "variance of the view's distances (m²); dashed: true water, where it is known"
+            )
+            style.caption(figure, about, axes[0, 0])
             yield (name, page), figure
 
 
