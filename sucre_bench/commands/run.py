@@ -174,17 +174,13 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
         for log in logs:
             log.follow(planned)
 
-    def begins(job: Job) -> None:
-        for log in logs:
-            log.begin(job)
-
     def meanwhile() -> None:
         for log in logs:
             log.receive()
 
     with contextlib.ExitStack() as block:
         with printed, progress.live(meanwhile=meanwhile):
-            watch = Watch(start, before, begins)
+            watch = Watch(start, before)
             outcome = run_words(overrides, multirun, watch)
             comparisons = run_summary.compared(outcome)
             summary = run_summary.as_object(outcome, comparisons) if as_json else None

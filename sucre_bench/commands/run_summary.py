@@ -158,12 +158,12 @@ def _written(
     if outcome.job.study is not None:
         from sucre_bench.reports import paper
 
-        requested = outcome.requested_rows
-        # else the folder holds other rows too
-        is_whole = len(requested) == (outcome.rows["view"] != "").sum()
-        known = comparisons if is_whole else ()
         made = paper.write(
-            outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known
+            outcome.job.study,
+            outcome.requested_rows,
+            outcome.out,
+            outcome.methods,
+            outcome.datasets,
         )
         paths = made.paths
         notes = [*made.notes]

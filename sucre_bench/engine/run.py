@@ -125,9 +125,6 @@ class Watch:
     before: Callable[[Sequence[Planned]], None] = lambda _: None
     """Called with all that is planned, before any work; with nothing if another sweeper chooses the jobs."""
 
-    begins: Callable[[Job], None] = lambda _: None
-    """Called with a job when its work begins on this machine."""
-
 
 def run(command: Command, watch: Watch | None = None, launch: Launch | None = None) -> Outcome:
     """Run the checked jobs of a command.
@@ -149,7 +146,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
         try:
             with terminated_as_interrupt():
-                crashed = not _run_jobs(command, planned, launch, watch)
+                crashed = not _run_jobs(command, planned, launch)
                 if not crashed:
                     if any(
                         metric.plugin.is_of_pairs
@@ -186,15 +183,13 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     record_experiment(command.jobs)
 
 
-def _run_jobs(
-    command: Command, planned: Sequence[Planned], launch: Launch | None, watch: Watch
-) -> bool:
+def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | None) -> bool:
     """Run the jobs, and return whether that went well; their rows say what became of them.
 
     Raises DiskFullError, without the jobs that are left: none could write.
     """
     if launch is None:
-        run_jobs(planned, command.jobs[0].workers, watch.begins)
+        run_jobs(planned, command.jobs[0].workers)
         return True
     each = zip(planned, command.overrides, strict=True)
     waiting = [(plan, words) for plan, words in each if plan.todo]

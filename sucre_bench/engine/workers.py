@@ -27,7 +27,6 @@ from sucre_bench.errors import (
     SucreBenchError,
     raise_if_stop,
 )
-from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.compute import start_compiler
 from sucre_bench.machine.processes import Forked, can_fork
@@ -44,15 +43,13 @@ _MOST_GIVEN = 1000  # views that a worker gets at once, so that a message fits i
 _SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 
-def run_jobs(
-    planned: Iterable[Planned], n_workers: int, begins: Callable[[Job], None] = lambda _: None
-) -> None:
-    """Restore and score the views of all jobs, n_workers at a time; 0: in this process. begins: called with a job.
+def run_jobs(planned: Iterable[Planned], n_workers: int) -> None:
+    """Restore and score the views of all jobs, n_workers at a time; 0: in this process.
 
     A free worker takes the next job. When all have begun, it helps the job with the most views left.
     An OutputError of a job is a line, and the others go on; DiskFullError is raised, for none could write.
     """
-    jobs = [_Job(plan, begins) for plan in planned if plan.todo]
+    jobs = [_Job(plan) for plan in planned if plan.todo]
     n_views = sum(len(job.planned.todo) for job in jobs)
     with ExitStack() as block:
         if len(jobs) > 1:
@@ -133,8 +130,7 @@ class _Job:
     whether its results cannot be written; after_view: called when a view is done.
     """
 
-    def __init__(self, planned: Planned, begins: Callable[[Job], None]) -> None:
-        self._begins = begins
+    def __init__(self, planned: Planned) -> None:
         self._plan(planned)
         self.faults: dict[str, Exception] = {}
         self.n_ready = 0
@@ -159,7 +155,7 @@ class _Job:
         return [*groups.values()]
 
     def begin(self) -> None:
-        """Show the progress, and say that it begins."""
+        """Show the progress."""
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
             # an earlier job has made files that it reads
@@ -167,7 +163,6 @@ class _Job:
         n_views = len(self.planned.todo)
         line = progress.line(f"{job.method.label} on {job.dataset.label}", n_views)
         self.after_view.append(self._shown.enter_context(line))
-        self._begins(job)
 
     def take(self, n_workers: int) -> list[int]:
         """Take views for a worker: about half of its share of what is left, so that all end at the same time."""

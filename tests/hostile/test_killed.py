@@ -59,11 +59,10 @@ def bundled(folder: Path) -> Any:
 
 
 def tracked(folder: Path) -> Any:
-    """The runs that are the newest, how they ended, and their numbers."""
-    latest = "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
+    """The runs, how they ended, and their numbers."""
     with sqlite3.connect(folder / "mlflow.db") as store:
-        runs = store.execute(f"SELECT name, status FROM runs {latest} ORDER BY 1").fetchall()
-        numbers = f"SELECT name, m.key, m.value FROM runs JOIN latest_metrics m ON m.run_uuid = runs.run_uuid {latest}"
+        runs = store.execute("SELECT name, status FROM runs ORDER BY 1").fetchall()
+        numbers = "SELECT name, m.key, m.value FROM runs JOIN latest_metrics m ON m.run_uuid = runs.run_uuid"
         return runs, sorted(store.execute(numbers).fetchall())
 
 

@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 LONGEST_TAG = 5000
 _LONGEST_DIGEST = 36
-# of one request
-_MOST_PARAMS = 100
-_MOST_METRICS = 1000
+_MOST_METRICS = 1000  # of one request
 _PICTURE_SIZE = (640, 640)
 
 Value = tuple[str, float, int, int]  # name, value, step, and milliseconds since 1970
@@ -67,10 +65,8 @@ class Run:
     def log_params(self, params: Mapping[str, str]) -> None:
         """Log parameters."""
         from mlflow.entities import Param
-        from mlflow.utils import chunk_list
 
-        for some in chunk_list([Param(*one) for one in params.items()], _MOST_PARAMS):
-            self._client.log_batch(self.id, params=some)
+        self._client.log_batch(self.id, params=[Param(*one) for one in params.items()])
 
     def log_metrics(self, values: Iterable[Value]) -> None:
         """Log the values that are not logged yet."""
@@ -78,9 +74,9 @@ class Run:
         from mlflow.utils import chunk_list
 
         new = [
-            Metric(n, v, time, step)
-            for n, v, step, time in values
-            if not self.has(n, step, time)
+            Metric(name, value, time, step)
+            for name, value, step, time in values
+            if not self.has(name, step, time)
         ]
         for some in chunk_list(new, _MOST_METRICS):
             self._client.log_batch(self.id, metrics=some)
@@ -99,23 +95,17 @@ class Run:
         if len(reasons):
             self._has_failed = True
             self.tag("reason", str(reasons.iloc[0]))
-        statuses = {
-            *restoration_rows(rows)["status"],
-            *(["failed"] if self._has_failed else []),
-        }
-        order = ("failed", "ok", "skipped")
-        self.tag("status", next((status for status in order if status in statuses), "ok"))
+        is_ok = (restoration_rows(rows)["status"] == "ok").any()
+        ended = "ok" if is_ok else "skipped"
+        self.tag("status", "failed" if self._has_failed else ended)
 
     def log_table(self, table: DataFrame) -> None:
         """Log a table, with the levels of its index as columns, instead of what was logged before."""
         whole = table.reset_index().astype(object)
-        if "mlflow.loggedArtifacts" in self._client.get_run(self.id).data.tags:
-            # log_table would add to it
-            self._client.log_text(
-                self.id, whole.to_json(orient="split", index=False), "scores.json"
-            )
-        else:
-            self._client.log_table(self.id, whole, "scores.json")
+        text = whole.to_json(orient="split", index=False)
+        self._client.log_text(self.id, text, "scores.json")
+        shown = [{"path": "scores.json", "type": "table"}]
+        self.tag("mlflow.loggedArtifacts", json.dumps(shown))
 
     def log_data(self, name: str, source: str, data_ids: Collection[str]) -> None:
         """Log a dataset as an input. data_ids: of its scenes; source: its folder, or its name."""

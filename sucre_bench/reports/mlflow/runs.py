@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sucre_bench import compare, plugins, results
+from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.documents import as_text
@@ -17,7 +17,7 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.processes import interrupts_held_back
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.plugins.options import options_of, plain_value
-from sucre_bench.reports.mlflow.run import LONGEST_TAG, Run, scores_of, stamp
+from sucre_bench.reports.mlflow.run import Run, scores_of, stamp
 from sucre_bench.reports.mlflow.store import Note, Place, connect, reported
 from sucre_bench.reports.paper import style
 from sucre_bench.results import layout
@@ -44,6 +44,11 @@ class JobKey(NamedTuple):
     def of(cls, row: Row) -> JobKey:
         """Return the job of a row."""
         return cls(row.dataset, row.method, row.options, row.seed, row.code[:_CODE])
+
+    @property
+    def hash(self) -> str:
+        """What mlflow keeps of it, to find its run again."""
+        return fingerprint(self._asdict())[1]
 
     @property
     def params(self) -> dict[str, str]:
@@ -82,107 +87,75 @@ def log(out: Path, place: Place, runs: Runs | None = None) -> int:
     with reported(place.uri):
         runs = runs or Runs(out, place)
         try:
-            changed = runs.end(rows, comparisons)
+            return runs.end(rows, comparisons)
         except KeyboardInterrupt:
             runs.kill()
             raise
-        runs.note.remember(place)
-        return changed
 
 
 class Runs:
-    """The runs of a results folder in an experiment. What has begun before goes on: values are logged once.
-
-    note: what the folder notes.
-    """
+    """The runs of a results folder in an experiment. What has begun before goes on: values are logged once."""
 
     def __init__(self, out: Path, place: Place) -> None:
         self._client, self._experiment = connect(place)
         self._out = out
-        self.note = Note(out)
-        self.note.write()  # the folder's id, before any run has it
-        of_folder = f"tags.folder = '{self.note.folder}'"
+        self._note = Note(out)
+        of_folder = f"tags.folder = '{self._note.folder}'"
         found = self._client.search_runs([self._experiment], of_folder, max_results=_MOST_RUNS)
         self._known = {str(run.data.tags["job"]): run for run in found}
         self._parent: Run | None = None
         self._children: dict[JobKey, Run] = {}
-        self._begun: list[Run] = []
 
-    def start(self, jobs: Iterable[JobKey], when: int | None = None) -> Run:
-        """Begin the parent run, with the parameters that all jobs share. when: in milliseconds, by default now."""
-        first, *others = [job.params.items() for job in jobs] or [{}.items()]
-        shared = dict(item for item in first if all(item in one for one in others))
-        environment = provenance.read(self._out / "environment.json") or {}
-        tags = {
-            "mlflow.source.git.commit": environment.get("git_commit"),
-            "command": masked(" ".join(environment.get("command", []))),
-            "sucre_bench": environment.get("sucre_bench"),
-        }
-        name = self._out.resolve().name
-        self._parent = self._begin(name, {"params": shared}, shared, tags, when)
+    def start(self, when: int | None = None) -> Run:
+        """Return the parent run, which begins unless it has begun. when: in milliseconds, by default now."""
+        if self._parent is None:
+            environment = provenance.read(self._out / "environment.json") or {}
+            tags = {
+                "mlflow.source.git.commit": environment.get("git_commit") or "",
+                "command": masked(" ".join(environment.get("command", []))),
+                "sucre_bench": environment.get("sucre_bench") or "",
+            }
+            with interrupts_held_back():  # else nobody would end it
+                self._parent = self._begun("parent", self._out.resolve().name, tags, when)
         return self._parent
 
-    def begin(self, job: JobKey, when: int | None = None) -> Run:
-        """Return the child run of a job, which begins unless it has begun. when: as for `start`."""
+    def _begin(self, job: JobKey, when: int) -> Run:
+        """The child run of a job, which begins unless it has begun."""
         if job not in self._children:
-            assert self._parent is not None
-            plugin_name = str(json.loads(job.options).get("name", ""))
-            plugin = plugins.get("method", plugin_name)
-            note = [f"**{job.method}** on **{job.dataset}**."]
-            note += [plugin.summary, plugin.cites] if plugin else []
             tags = {
                 "dataset": job.dataset,
                 "method": job.method,
-                "mlflow.parentRunId": self._parent.id,
+                "mlflow.parentRunId": self.start(when).id,
                 "mlflow.runColor": style.own_look(job.method).colour,
-                "mlflow.note.content": "\n\n".join(filter(None, note)),
-                "plugin": plugin_name,
                 "code": job.code,
             }
             name = f"{job.method} on {job.dataset}"
-            self._children[job] = self._begin(name, job._asdict(), job.params, tags, when)
+            with interrupts_held_back():
+                self._children[job] = self._begun(job.hash, name, tags, when)
+            self._children[job].log_params(job.params)
         return self._children[job]
 
-    def _begin(
-        self,
-        name: str,
-        identity: Mapping[str, Any],
-        params: Mapping[str, str],
-        tags: Mapping[str, str | None],
-        when: int | None,
-    ) -> Run:
-        """A run that begins, or goes on. Only the newest run of a dataset and a method is `latest`."""
+    def _begun(self, job: str, name: str, tags: Mapping[str, str], when: int | None) -> Run:
+        """A run that begins, or goes on."""
         own = {
             "mlflow.source.name": "sucre-bench",
             "mlflow.source.type": "LOCAL",
             "out": str(self._out.resolve()),
-            "folder": self.note.folder,
-            "job": fingerprint(identity)[1],
-            "latest": "yes",
-            **{tag: value[:LONGEST_TAG] for tag, value in tags.items() if value},
+            "folder": self._note.folder,
+            "job": job,
+            **{tag: value for tag, value in tags.items() if value},
         }
-        for other in self._known.values():
-            of_other = other.data.tags
-            is_alike = all(of_other.get(one) == own.get(one) for one in ("dataset", "method"))
-            if is_alike and of_other["job"] != own["job"]:
-                self._client.set_tag(other.info.run_id, "latest", "no")
-        known = self._known.get(own["job"])
-        with interrupts_held_back():  # else nobody would end it
-            if known:
-                run = Run.again(self._client, known, own)
-            else:
-                made = self._client.create_run(self._experiment, when, own, name)
-                run = Run(self._client, made.info.run_id)
-            self._begun.append(run)
-        run.log_params(params)
-        return run
+        if job in self._known:
+            return Run.again(self._client, self._known[job], own)
+        made = self._client.create_run(self._experiment, when, own, name)
+        return Run(self._client, made.info.run_id)
 
     def add(self, rows: DataFrame) -> None:
         """Log views' scores, each view a step, their pictures, their data, and faults."""
         for job, of_job in jobs_of(rows).items():
-            run = self.begin(job, stamp(of_job["time"].min()))
-            steps = self._steps_of(job, of_job)
-            every = -(-len(self.note.views.get(job.dataset, ())) // _MOST_PICTURES)
+            run = self._begin(job, stamp(of_job["time"].min()))
+            steps = self._steps_of(of_job)
+            every = -(-self._note.n_views(job.dataset) // _MOST_PICTURES)
             for row in tuples(restorations(of_job)):
                 step = steps[row.scene, row.view]
                 if step % every or run.has("views/seconds.wall", step, stamp(row.time)):
@@ -207,7 +180,7 @@ class Runs:
     def kill(self) -> None:
         """End all that is at work, since the command was stopped."""
         with interrupts_held_back():
-            for run in self._begun:
+            for run in filter(None, (self._parent, *self._children.values())):
                 if run.status == "RUNNING":
                     run.close("KILLED")
 
@@ -217,11 +190,10 @@ class Runs:
         changed = {
             job: of_job for job, of_job in jobs.items() if not self._is_whole(job, of_job)
         }
-        stale = {r.info.run_id for r in self._known.values() if r.info.status == "RUNNING"}
-        if not (changed or stale or self._parent):
+        is_ended = "parent" in self._known and self._known["parent"].info.status != "RUNNING"
+        if is_ended and not changed and not self._parent:
             return 0
-        self._parent = self._parent or self._latest_parent()
-        parent = self._parent or self.start(jobs, stamp(rows["time"].min()))
+        parent = self.start(stamp(rows["time"].min()))
         for job, of_job in changed.items():
             self.add(of_job)
             self._end_job(job, of_job)
@@ -236,24 +208,12 @@ class Runs:
         parent.log_table(means.unstack())
         parent.log_counts(rows)
         parent.log_status(rows)
-        for run in self._begun:
-            run.close()
-            stale.discard(run.id)
-        for run_id in stale:  # of a command that was killed
-            self._client.set_terminated(run_id, "KILLED")
+        parent.close()
         return len(changed)
-
-    def _latest_parent(self) -> Run | None:
-        for known in self._known.values():
-            if "method" not in known.data.tags and known.data.tags["latest"] == "yes":
-                with interrupts_held_back():
-                    self._begun.append(Run.again(self._client, known, {}))
-                return self._begun[-1]
-        return None
 
     def _is_whole(self, job: JobKey, rows: DataFrame) -> bool:
         """Whether all rows of a job are logged."""
-        known = self._known.get(fingerprint(job._asdict())[1])
+        known = self._known.get(job.hash)
         if known is None or job in self._children:
             return False
         return known.info.status != "RUNNING" and known.data.tags.get("rows") == _hash(rows)
@@ -266,7 +226,7 @@ class Runs:
         means = scores.groupby("name", sort=False)["value"].mean()
         run.log_metrics((str(name), value, 0, when) for name, value in means.items())
         run.log_counts(rows)
-        steps = self._steps_of(job, rows)
+        steps = self._steps_of(rows)
         scores["step"] = [steps[view] for view in values_of(scores, "scene", "view")]
         run.log_table(scores.set_index(["step", "scene", "view", "name"])["value"].unstack())
         restored = layout.restored_path(self._out, layout.file_name(job.dataset), job.method)
@@ -275,22 +235,13 @@ class Runs:
         # last: a run that was cut off before is not taken for whole
         run.tag("rows", _hash(rows))
 
-    def steps(
-        self, dataset: str, views: Iterable[tuple[str, str]]
-    ) -> dict[tuple[str, str], int]:
+    def steps(self, dataset: str, views: Iterable[tuple[str, str]]) -> dict[Any, int]:
         """Return the steps of views, by scene and name, alike for all methods. New views follow known ones."""
-        known = self.note.views.setdefault(dataset, [])
-        names = {
-            view: [results.unreplicated(view[0])[0], view[1]] for view in sorted(set(views))
-        }
-        if new := [name for name in names.values() if name not in known]:
-            known += [name for k, name in enumerate(new) if name not in new[:k]]
-            self.note.write()
-        places = {tuple(name): step for step, name in enumerate(known)}
-        return {view: places[tuple(name)] for view, name in names.items()}
+        return self._note.steps(dataset, views)
 
-    def _steps_of(self, job: JobKey, rows: DataFrame) -> dict[tuple[str, str], int]:
-        return self.steps(job.dataset, values_of(rows[rows["view"] != ""], "scene", "view"))
+    def _steps_of(self, rows: DataFrame) -> dict[Any, int]:
+        views = values_of(rows[rows["view"] != ""], "scene", "view")
+        return self._note.steps(rows["dataset"].iloc[0], views)
 
 
 def _text(value: Any) -> str:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib
 import json
 import logging
 import os
 import shlex
-import sqlite3
 import tempfile
 import uuid
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,19 +18,17 @@ from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_word
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.text_formats import masked
-from sucre_bench.results import TABLE
-from sucre_bench.results.rows import fingerprint
+from sucre_bench.results.rows import unreplicated
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 _PATIENCE_S = 600  # for other processes that open the same store
-_SQLITE_PATIENCE_S = 10
 _SQLITE = "sqlite:///"
 # An experiment's tags: its kind, by which mlflow's page opens on runs, not on chats; and its description.
 _ABOUT = {
     "mlflow.experimentKind": "custom_model_development",
-    "mlflow.note.content": "Unfold a run, a command of sucre-bench, to see its own: one for each method and dataset. "
+    "mlflow.note.content": "Unfold a run, a results folder, to see its own: one for each method and dataset. "
     "`psnr.masked` is a mean over views, `views/psnr.masked` has a step a view, and so have the pictures `restored`. "
     "Find runs by ``tags.method = 'NAME'``, ``params.`dataset.OPTION` = 'VALUE'`` or ``metrics.views_failed > 0``.",
 }
@@ -66,21 +61,16 @@ class Place(NamedTuple):
             self.uri if is_served else f"mlflow ui --backend-store-uri {shlex.quote(self.uri)}"
         )
 
-    @property
-    def hash(self) -> str:
-        """What identifies it, and shows no password."""
-        return fingerprint({"uri": self.uri, "experiment": self.experiment})[1]
-
 
 def connect(place: Place) -> tuple[MlflowClient, str]:
     """Return a client and the experiment's id; store and experiment are made where missing.
 
-    By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a store that
-    mlflow cannot use: it would try for minutes, sqlite says at once why it cannot.
+    By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a path that
+    mlflow cannot use.
     """
     file = place.file
     artifacts = None
-    lock = Path(tempfile.gettempdir()) / f"sucre_bench-{place.hash}.lock"
+    lock = Path(tempfile.gettempdir()) / "sucre_bench-mlflow.lock"
     if file is not None:
         if awkward := set(str(file)) & set("?%#"):
             fault = f"mlflow cannot keep a store under a path with {' '.join(awkward)}"
@@ -90,7 +80,7 @@ def connect(place: Place) -> tuple[MlflowClient, str]:
         artifacts = (file.parent / "mlartifacts").as_uri()
     with waited_lock(lock, _PATIENCE_S):
         if file is not None:
-            _check(file)
+            _make_store(file)
         client = _client(place.uri if file is None else f"{_SQLITE}{file}")
         known = client.get_experiment_by_name(place.experiment)
         if known:
@@ -98,28 +88,14 @@ def connect(place: Place) -> tuple[MlflowClient, str]:
         return client, client.create_experiment(place.experiment, artifacts, _ABOUT)
 
 
-def _check(file: Path) -> None:
-    """Make a sqlite store if there is none: whole, or not at all. InputError for a file that is no database."""
-    if not file.exists() or not file.stat().st_size:
+def _make_store(file: Path) -> None:
+    """Make a sqlite store if there is none: whole, or not at all."""
+    if not file.exists():
         made = file.with_name(f".{file.name}.new")
         made.unlink(missing_ok=True)
         # mlflow makes it by more than fifty migrations
         _client(f"{_SQLITE}{made}").search_experiments()
         made.replace(file)
-    try:
-        with closing(sqlite3.connect(file, _SQLITE_PATIENCE_S, isolation_level=None)) as opened:
-            opened.execute("BEGIN IMMEDIATE")
-            opened.execute("ROLLBACK")
-    except sqlite3.Error as fault:
-        remedy = "move it away, or give another URI"
-        raise InputError(f"mlflow cannot use this store, {fault}", file, remedy) from None
-
-
-def prepare(place: Place) -> None:
-    """Import what `connect` needs of mlflow, which takes seconds."""
-    importlib.import_module(
-        "mlflow" if place.file is None else "mlflow.store.tracking.sqlalchemy_store"
-    )
 
 
 def _client(uri: str) -> MlflowClient:
@@ -165,37 +141,35 @@ def reported(uri: str) -> Iterator[None]:
 class Note:
     """What a results folder notes of its runs, in `logs/mlflow.json`.
 
-    folder: an id, by which its runs are found again, also where the folder was moved; views: scene and view of each
-    step, by dataset; logged: the digest of the score table, by the hash of a place.
+    folder: an id, by which its runs are found again, also where the folder was moved.
     """
 
     def __init__(self, out: Path) -> None:
-        self._out = out
         self._path = out / "logs" / "mlflow.json"
-        content: dict[str, Any] = {}
+        self._content: dict[str, Any] = {"folder": uuid.uuid4().hex, "views": {}}
         with suppress(OSError, InputError, ValueError):
-            content = json.loads(regular(self._path).read_text(encoding="utf-8"))
-        self.folder: str = content.get("folder", uuid.uuid4().hex)
-        self.views: dict[str, list[list[str]]] = content.get("views", {})
-        self.logged: dict[str, str] = content.get("logged", {})
+            self._content = json.loads(regular(self._path).read_text(encoding="utf-8"))
+        self._write()  # the folder's id, before any run has it
+        self.folder: str = self._content["folder"]
 
-    def is_logged(self, place: Place) -> bool:
-        """Whether the score table, as it is now, was logged there. mlflow is not asked."""
-        is_there = place.file is None or place.file.is_file()
-        return is_there and self.logged.get(place.hash) == self._digest()
+    def n_views(self, dataset: str) -> int:
+        """Return how many views have a step."""
+        return len(self._content["views"].get(dataset, ()))
 
-    def remember(self, place: Place) -> None:
-        """Note that the score table is logged there."""
-        self.logged[place.hash] = self._digest()
-        self.write()
+    def steps(
+        self, dataset: str, views: Iterable[tuple[str, str]]
+    ) -> dict[tuple[str, str], int]:
+        """Return the steps of views, by scene and name, alike for all methods. New views follow known ones."""
+        known = self._content["views"].setdefault(dataset, [])
+        places = {tuple(name): step for step, name in enumerate(known)}
+        names = {view: (unreplicated(view[0])[0], view[1]) for view in sorted(set(views))}
+        for name in names.values():
+            places.setdefault(name, len(places))
+        if len(places) > len(known):
+            self._content["views"][dataset] = [*places]
+            self._write()
+        return {view: places[name] for view, name in names.items()}
 
-    def write(self) -> None:
-        """Write it, if the folder can be written."""
-        content = {"folder": self.folder, "views": self.views, "logged": self.logged}
-        with suppress(OSError, OutputError):  # else mlflow is asked again
-            write_atomically(self._path, json.dumps(content).encode())
-
-    def _digest(self) -> str:
-        with suppress(OSError), (self._out / TABLE).open("rb") as table:
-            return hashlib.file_digest(table, "blake2b").hexdigest()
-        return ""
+    def _write(self) -> None:
+        with suppress(OSError, OutputError):  # else the runs are not found again
+            write_atomically(self._path, json.dumps(self._content).encode())

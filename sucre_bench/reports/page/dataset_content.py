@@ -165,28 +165,6 @@ class Section:
         ]
         lines = answer(self.table, self._deciding)
         said = verdicts(self.table)
-        commands = []
-        for name, place in methods.items():
-            rerun = self._rerun(name)
-            views = sorted(
-                set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""}
-            )
-            # A line has room for few views.
-            chosen = (
-                shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
-            )
-            words = shell(rerun.words())
-            command = (
-                " ".join(filter(None, [words, chosen, self._metric_words])) if words else ""
-            )
-            commands.append(
-                {
-                    "label": name,
-                    "place": place,
-                    "command": command,
-                    "options": rerun.method_record,
-                }
-            )
         return {
             "name": self.table.title,
             "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
@@ -204,7 +182,7 @@ class Section:
             **chart_content(self.rows, self.table.columns, methods, self._names),
             "charts": list(methods),
             "waters": self._waters(),
-            "commands": commands,
+            "commands": [self._command(name) for name in methods],
             "data": self._data(),
         }
 
@@ -245,6 +223,22 @@ class Section:
         return Rerun(
             self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins
         )
+
+    def _command(self, name: str) -> Content:
+        """The command that runs a method again, and its options."""
+        rerun = self._rerun(name)
+        words = shell(rerun.words())
+        of_method = self.rows.loc[self.rows["method"] == name, "view"]
+        views = sorted(set(of_method.unique()) - {""})
+        # A line has room for few views.
+        chosen = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+        whole = " ".join(filter(None, [words, chosen, self._metric_words]))
+        return {
+            "label": name,
+            "place": self.places[name],
+            "command": whole if words else "",
+            "options": rerun.method_record,
+        }
 
     @cached_property
     def _metric_words(self) -> str:

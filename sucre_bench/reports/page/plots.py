@@ -212,6 +212,8 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
     """
     names = [text(view["name"]) for view in views]
     estimates = [view["results"][method].get("water") or {} for view in views]
+    above = {"x": 0, "xref": "paper", "y": 1, "yref": "container", "yanchor": "top"}
+    above["font"] = {"size": 13}
     made = []
     for key, _, words, unit in PARAMETERS:
         traces: list[Figure] = []
@@ -247,10 +249,10 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
             "showticklabels": False,
             "title": {"text": "views in order", "standoff": 6},
         }
-        label = f"{words}, {unit}" if unit else words
+        heading = above | {"text": f"{words}, {unit}" if unit else words}
         margin = {"l": 46, "r": 12, "t": 30, "b": 40}
         made.append(
-            figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin)
+            figure(traces, x, {"rangemode": "tozero"}, 280, title=heading, margin=margin)
         )
     return made
 
@@ -261,20 +263,7 @@ def of_water(water: Mapping[str, Any], key: str, channel: int) -> Any:
     return values[channel] if isinstance(values, list) and len(values) > channel else None
 
 
-def heading(label: str) -> Figure:
-    """Return the title of a small plot, above its left end."""
-    return {
-        "text": label,
-        "x": 0,
-        "xref": "paper",
-        "y": 1,
-        "yref": "container",
-        "yanchor": "top",
-        "font": {"size": 13},
-    }
-
-
-# -- colour charts: each patch as measured and expected, and errors and hues over distance -----------------
+# -- colour charts: each patch as measured and expected, and errors over distance --------------------------
 
 # by "metric:variant" and method; None: infinite
 Scores = Mapping[str, Mapping[str, float | None]]
@@ -307,7 +296,7 @@ def chart_content(
     methods: Places,
     names: Mapping[tuple[str, str], str],
 ) -> dict[str, list[Choice]]:
-    """Return the lists of swatches, errors over distance, and hues over distance that the page offers of a dataset.
+    """Return the lists of swatches and of errors over distance that the page offers of a dataset.
 
     methods: labels, each with its place among all of the page; names: what the page calls each view, by scene and view.
     """
@@ -343,7 +332,6 @@ def chart_content(
     return {
         "swatches": _swatches(charts, measures, list(methods)),
         "distances": [_distances(charts, near_first, column, methods) for column in measures],
-        "hues": _hues(near_first, methods),
     }
 
 
@@ -423,69 +411,6 @@ def _distances(
         if key in chart.whole
     ]
     return Choice(title(column), figures, {"rows": table})
-
-
-def _hues(near_first: Sequence[Chart], methods: Places) -> list[Choice]:
-    """The hue of every patch over distance, for each way of measuring hue and each kind of chart."""
-    keys = dict.fromkeys(
-        key for chart in near_first for scores in chart.patches.values() for key in scores
-    )
-    hues = [
-        key
-        for key in keys
-        if key.partition(":")[0] in metrics_of("patch-hue") and not key.endswith("-expected")
-    ]
-    kinds: dict[tuple[str, ...], list[Chart]] = defaultdict(list)
-    for chart in near_first:
-        kinds[tuple(chart.patches)].append(chart)
-    choices = []
-    for key in hues:
-        for patches, charts in kinds.items():
-            measured = [
-                patch
-                for patch in patches
-                if any(key in chart.patches[patch] for chart in charts)
-            ]
-            if measured:
-                words = f"{key.partition(':')[2]}, {', '.join(dict.fromkeys(chart.name for chart in charts))}"
-                choices.append(
-                    Choice(words, [_hue(key, patch, charts, methods) for patch in measured])
-                )
-    return choices
-
-
-def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Places) -> Figure:
-    """The hue of one patch over distance; hues stand within half a turn of the expected one, in degrees."""
-    scores = [chart.patches[patch] for chart in charts]
-    expected = _first(
-        value for of_chart in scores for value in of_chart.get(f"{key}-expected", {}).values()
-    )
-    lines = []
-    for name, place in methods.items():
-        known = [
-            (chart.distance, _at(of_chart, key, name))
-            for chart, of_chart in zip(charts, scores, strict=True)
-        ]
-        x = [away for away, hue in known if hue is not None]
-        y = [hue for _, hue in known if hue is not None]
-        turned = (
-            y
-            if expected is None
-            else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
-        )
-        small = {"marker": look(place) | {"size": 5}}
-        lines.append(line(name, place, x, turned, "%{x:.2f} m, %{y:.0f}°", **small))
-    colour = next(filter(None, (_colour(of_chart, "-expected") for of_chart in scores)), "")
-    square = f'<span style="color:{colour}">■</span> ' if colour else ""
-    dotted = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": expected, "y1": expected}
-    shapes = (
-        []
-        if expected is None
-        else [dotted | {"line": {"color": "--ink", "width": 1, "dash": "dot"}}]
-    )
-    layout = {"margin": {"l": 40, "r": 8, "t": 26, "b": 26}, "shapes": shapes}
-    named = heading(square + text(_words(patch)))
-    return figure(lines, {}, {"nticks": 5}, 190, title=named, **layout)
 
 
 def _colour(scores: Scores, what: str, method: str = "") -> str:

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MultipleLocator
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
@@ -53,56 +55,42 @@ def charts(results: StudyResults) -> Iterator[Drawn]:
         )
     for name, of_dataset in style.each_dataset(seen):
         placed = _with_places(of_dataset)
-        methods = list(dict.fromkeys(of_dataset["method"]))
+        measures = placed.groupby(["metric", "variant"], sort=False)
+        figure, panels = style.grid(len(measures), 2, 0.5, 2.3, sharex=True)
+        looks = style.looks(placed["method"])
         step = 0.004 * np.ptp(placed["place"])  # beside each other, that bars do not hide bars
-        shift = placed["method"].map(methods.index) - (len(methods) - 1) / 2
-        is_patch = placed["region"].str.contains("/", regex=False)
-        placed = placed.assign(place=placed["place"] + step * shift)
-        about = "distance of the chart (m); bars: standard deviation over its patches"
-        yield (name,), _over_places(placed[~is_patch], about, placed[is_patch])
-
-
-def _over_places(scores: DataFrame, below: str, patches: DataFrame | None = None) -> Figure:
-    """A panel a metric and variant, a line a method: its mean score at each place, and the spread of patches."""
-    measures = list(dict.fromkeys(zip(scores["metric"], scores["variant"], strict=True)))
-    figure, panels = style.grid(len(measures), 2, 0.5, 2.3, sharex=True)
-    for (metric, variant), panel in zip(measures, panels, strict=True):
-        for method, (colour, marker) in style.looks(scores["method"]).items():
-            key = (metric, variant, method)
-            means = _at_places(scores, *key).mean()
-            panel.plot(
-                means.index, means, color=colour, marker=marker, label=method, markersize=3
-            )
-            if patches is not None:
-                spread = _at_places(patches, *key).std().reindex(means.index)
+        for ((metric, variant), of_measure), panel in zip(measures, panels, strict=True):
+            is_patch = of_measure["patch"] != ""
+            of_patches = of_measure[is_patch].groupby(["method", "place"])["value"]
+            of_charts = of_measure[~is_patch].groupby(["method", "place"])["value"]
+            table = pd.DataFrame({"mean": of_charts.mean(), "spread": of_patches.std()})
+            for n, (method, (colour, marker)) in enumerate(looks.items()):
+                if method not in table.index:
+                    continue
+                of_method = table.loc[method]
+                x = of_method.index + step * (n - (len(looks) - 1) / 2)
+                y = of_method["mean"]
+                panel.plot(x, y, color=colour, marker=marker, label=method, markersize=3)
                 bars: Any = {"ecolor": colour, "alpha": 0.3, "elinewidth": 0.7, "zorder": 1}
-                panel.errorbar(means.index, means, spread, fmt="none", **bars)
-        unit = scores.loc[scores["metric"] == metric, "unit"].iloc[0]
-        several = sum(metric == other for other, _ in measures) > 1
-        panel.set_ylabel(f"{symbol(metric, unit)}{f', {variant}' if several else ''}")
-        panel.set_ylim(bottom=0)
-        panel.grid(axis="y")
-    style.caption(figure, below, panels[0])
-    return figure
-
-
-def _at_places(scores: DataFrame, metric: str, variant: str, method: str) -> Any:
-    """The values of one measure and method, grouped by place."""
-    chosen = (
-        (scores["metric"] == metric)
-        & (scores["variant"] == variant)
-        & (scores["method"] == method)
-    )
-    return scores[chosen].groupby("place")["value"]
+                panel.errorbar(x, y, of_method["spread"], fmt="none", **bars)
+            several = placed.loc[placed["metric"] == metric, "variant"].nunique() > 1
+            label = symbol(str(metric), of_measure["unit"].iloc[0])
+            panel.set_ylabel(f"{label}, {variant}" if several else label)
+            panel.set_ylim(bottom=0)
+            panel.grid(axis="y")
+        about = "distance of the chart (m); bars: standard deviation over its patches"
+        style.caption(figure, about, panels[0])
+        yield (name,), figure
 
 
 def _seen_charts(rows: DataFrame) -> DataFrame:
-    """The scores of charts and patches, with the columns chart, and distance in metres.
+    """The scores of charts and patches, with the columns chart, patch ("" for the chart), and distance in metres.
 
     Raises NotApplicableError where no chart has a distance.
     """
     scores = scores_of(rows)
-    scores = scores.assign(chart=scores["region"].str.split("/").str[0])
+    parts = scores["region"].str.partition("/")
+    scores = scores.assign(chart=parts[0], patch=parts[2])
     seen = beside(scores, scores_of(scores, "chart-distance"), "distance", _CHART)
     if seen.empty:
         remedy = f"{adding('chart-distance')}, on images with charts and depth"
@@ -112,13 +100,10 @@ def _seen_charts(rows: DataFrame) -> DataFrame:
 
 def _with_places(seen: DataFrame) -> DataFrame:
     """Add the column place: the mean distance of the charts that are about as far, equally many at each place."""
-    sites = seen.drop_duplicates(_CHART)["distance"].to_numpy()
-    n = min(_PLACES, len(sites))
-    edges = np.quantile(sites, np.arange(1, n) / n)  # of as many charts as places, each is one
-    middles = np.array(
-        [sites[np.searchsorted(edges, sites, "right") == k].mean() for k in range(n)]
-    )
-    return seen.assign(place=middles[np.searchsorted(edges, seen["distance"], "right")])
+    sites = seen.drop_duplicates(_CHART)
+    places = pd.qcut(sites["distance"].rank(method="first"), min(_PLACES, len(sites)))
+    means = sites["distance"].groupby(places, observed=True).transform("mean")
+    return seen.merge(sites[_CHART].assign(place=means), on=_CHART)
 
 
 def swatches(results: StudyResults) -> Iterator[Drawn]:
@@ -136,36 +121,27 @@ def swatches(results: StudyResults) -> Iterator[Drawn]:
         )
     for name, of_dataset in style.each_dataset(seen[seen["role"].isin(_PAINTED)]):
         methods = list(dict.fromkeys(of_dataset["method"]))
-        is_patch = of_dataset["region"].str.contains("/", regex=False)
-        errors = of_dataset[(of_dataset["role"] == "colour-difference") & is_patch]
+        of_patches = of_dataset[of_dataset["patch"] != ""]
+        errors = of_patches[of_patches["role"] == "colour-difference"]
         # Charts that all methods show, of one kind: with the same patches.
         shown = errors.groupby(_CHART).agg(
             distance=("distance", "first"),
             methods=("method", "nunique"),
-            kind=(
-                "region",
-                lambda names: "|".join(sorted({name.partition("/")[2] for name in names})),
-            ),
+            kind=("patch", lambda names: "|".join(sorted(set(names)))),
         )
         shown = shown[shown["methods"] == len(methods)]
         if shown.empty:
             reason = "no colour chart that every method shows; leave out the methods with holes"
             yield (name,), NotApplicableError(reason)
             continue
-        shown = shown[shown["kind"] == shown["kind"].mode()[0]].sort_values(
-            "distance", kind="stable"
-        )
+        shown = shown[shown["kind"] == shown["kind"].mode()[0]]
+        shown = shown.sort_values("distance", kind="stable")
         variants = list(dict.fromkeys(errors["variant"]))
         variant = "srgb" if "srgb" in variants else variants[0]
-        of_variant = errors[errors["variant"] == variant]
-        colours = of_dataset[of_dataset["role"] == "patch-colour"]
         figure, axes = style.figure(2, 1.0 + 0.2 * len(methods), 1, 2)
         for panel, chart in zip(axes[0], (shown.index[0], shown.index[-1]), strict=True):
-            of_chart = [
-                table[(table[_CHART] == list(chart)).all(axis=1)]
-                for table in (of_variant, colours)
-            ]
-            _paint(panel, methods, *of_chart)
+            of_chart = of_patches[(of_patches[_CHART] == list(chart)).all(axis=1)]
+            _paint(panel, methods, of_chart, variant)
             panel.set_title(f"{chart[-1]}, {shown.loc[chart, 'distance']:.1f} m")
         axes[0, 0].set_yticks(range(len(methods)), methods)
         figure.supxlabel(
@@ -174,47 +150,30 @@ def swatches(results: StudyResults) -> Iterator[Drawn]:
         yield (name,), figure
 
 
-def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: DataFrame) -> None:
-    """One chart: a line a method, a column a patch. errors, colours: scores of its patches."""
-    error_of = errors.set_index(["method", "region"])["value"]
-    value_of = colours.set_index(["method", "region", "variant"])["value"]
-    patches = sorted(
-        set(errors["region"]), key=lambda region: read_label(region.rpartition("/")[2])[0]
-    )
+def _paint(panel: Axes, methods: Sequence[str], scores: DataFrame, variant: str) -> None:
+    """One chart: a line a method, a column a patch. scores: of its patches; variant: of the colour difference."""
+    value = scores.set_index(["method", "patch", "variant"])["value"].to_dict()
+    scored = scores.loc[scores["variant"] == variant, "patch"]
+    patches = sorted(set(scored), key=read_label)
     patches = [patches[k] for k in evenly(len(patches), _SWATCHES)]
     for y, method in enumerate(methods):
         for x, patch in enumerate(patches):
-            if (method, patch) not in error_of.index or (
-                method,
-                patch,
-                "red",
-            ) not in value_of.index:
+            error = value.get((method, patch, variant))
+            rgb = [value.get((method, patch, channel)) for channel in style.CHANNELS]
+            if error is None or None in rgb:
                 continue
-            rgb, expected = (
-                [value_of[method, patch, channel + end] for channel in style.CHANNELS]
-                for end in ("", "-expected")
-            )
-            panel.add_patch(
-                Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=rgb, linewidth=0)
-            )
-            panel.add_patch(
-                Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0)
-            )
+            expected = [
+                value[method, patch, f"{channel}-expected"] for channel in style.CHANNELS
+            ]
+            swatch = Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=rgb, linewidth=0)
+            strip = Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0)
+            panel.add_patch(swatch)
+            panel.add_patch(strip)
             ink = "black" if np.dot(rgb, (0.299, 0.587, 0.114)) > 0.5 else "white"
-            panel.text(
-                x,
-                y - 0.13,
-                f"{error_of[method, patch]:.0f}",
-                color=ink,
-                ha="center",
-                va="center",
-            )
+            panel.text(x, y - 0.13, f"{error:.0f}", color=ink, ha="center", va="center")
+    names = [read_label(patch)[1] for patch in patches]
     panel.set(xlim=(-0.5, len(patches) - 0.5), ylim=(len(methods) - 0.5, -0.5))
-    panel.set_xticks(
-        range(len(patches)),
-        [read_label(patch.rpartition("/")[2])[1] for patch in patches],
-        rotation=90,
-    )
+    panel.set_xticks(range(len(patches)), names, rotation=90)
     panel.set_yticks([])
     panel.tick_params(length=0)
     panel.spines[:].set_visible(False)
@@ -223,8 +182,8 @@ def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: Data
 def hue(results: StudyResults) -> Iterator[Drawn]:
     """Draw the hue of each patch over the chart's distance (SUCRe, fig. "Hue vs. distance" and its appendix).
 
-    A panel a patch, half a turn up and down from the hue expected there, the gray line. A dot is a circular mean; a
-    line that leaves through the top comes back from below. Needs metrics of the roles patch-hue and chart-distance.
+    A panel a patch, half a turn up and down from the hue expected there, the gray line. A dot is a circular mean.
+    Needs metrics of the roles patch-hue and chart-distance.
     Yields a figure per dataset, set of patches and variant of hue.
     """
     hues = scores_of(_seen_charts(results.rows), "patch-hue")
@@ -235,7 +194,6 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
         raise NotApplicableError(
             f"no hues of chart patches; {adding('patch-hue', 'chart-distance')}"
         )
-    hues = hues.assign(patch=hues["region"].str.partition("/")[2])
     for name, of_dataset in style.each_dataset(hues):
         # Charts with the same patches share panels.
         kinds = of_dataset["chart"].map(of_dataset.groupby("chart")["patch"].agg(frozenset))
@@ -251,37 +209,21 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
 def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
     figure, panels = style.grid(len(patches), 4, 0.6, 1.25, sharex=True)
     for patch, panel in zip(patches, panels, strict=True):
-        expected = hues.loc[
-            (hues["patch"] == patch) & (hues["variant"] == f"{form}-expected"), "value"
-        ].iloc[0]
+        of_patch = hues[hues["patch"] == patch]
+        expected = of_patch.loc[of_patch["variant"] == f"{form}-expected", "value"].iloc[0]
         panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
+        measured = of_patch[of_patch["variant"] == form]
+        vectors = np.exp(1j * np.radians(measured["value"] - expected))
+        means = vectors.groupby([measured["method"], measured["place"]]).mean()
         for method, (colour, marker) in style.looks(hues["method"]).items():
-            of_patch = hues[
-                (hues["patch"] == patch)
-                & (hues["variant"] == form)
-                & (hues["method"] == method)
-            ]
-            vectors = (
-                np.exp(1j * np.radians(of_patch["value"] - expected))
-                .groupby(of_patch["place"])
-                .mean()
-            )
-            unbroken = np.unwrap(np.degrees(np.angle(vectors)), period=360)  # of circular means
-            for turn in range(-_PLACES // 2, _PLACES // 2 + 1):
-                # what leaves through one edge comes back at the other
-                y = unbroken + 360 * turn
-                if turn == 0 or (np.abs(y) <= 180).any():
-                    drawn: Any = {
-                        "color": colour,
-                        "marker": marker,
-                        "label": method if turn == 0 else "_again",
-                    }
-                    panel.plot(
-                        vectors.index, expected + y, markersize=2.5, linewidth=0.9, **drawn
-                    )
+            if method in means.index:
+                of_method = means.loc[method]
+                y = expected + np.degrees(np.angle(of_method))
+                look: Any = {"color": colour, "marker": marker, "markersize": 2.5}
+                panel.plot(of_method.index, y, linewidth=0.9, label=method, **look)
         panel.set_ylim(expected - 180, expected + 180)
-        ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
-        panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])
+        panel.yaxis.set_major_locator(MultipleLocator(90))
+        panel.yaxis.set_major_formatter(lambda hue, _: f"{hue % 360:.0f}")
         panel.set_title(read_label(patch)[1])
     figure.supylabel(f"hue ({form}, °)")
     style.caption(figure, "distance of the chart (m)", panels[0])

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.ticker import EngFormatter, LogLocator
+from scipy.stats import norm
 
-from sucre_bench.arrays import Array, DataFrame, evenly
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.compare.words import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, beside, scores_of
@@ -25,19 +25,19 @@ _VIEWS = 2
 _POINTS = 12
 _CURVES = 6
 _REACH = 5
+_MOMENTS = {
+    "std": "std",
+    "robust_std": "robust std",
+    "skew": "skew",
+    "kurtosis": "exc. kurtosis",
+}
 
 # Of scaling: what the table of times has of each restoration, and the panels' titles.
-_STAGES = {"seconds": "whole restoration", "pair": "pairing", "solve": "solving"}
+_STAGES = {"value": "whole restoration", "pair": "pairing", "solve": "solving"}
 
 # The fewest points a line is drawn through, and the least ratio of their observations.
 _FEWEST = 4
 _SPREAD = 2.0
-
-# Rounds of the fit, and the least time that a line may give, in seconds.
-_ROUNDS = 10
-_LEAST_S = 1e-4
-# greatest over least number up to which the axis has 2 and 5 beside powers of ten
-_LABELLED = 50
 
 # Of water: parameter, as variants begin with it; its name in a run's records, and as an axis says it.
 _PARAMETERS = {
@@ -51,60 +51,45 @@ _METHODS = 4
 
 
 def residuals(results: StudyResults) -> Iterator[Drawn]:
-    """Draw residuals of a least-squares fit, as in the appendices of the SUCRe paper: four figures for a restoration.
+    """Draw residuals of a least-squares fit, as in the appendices of the SUCRe paper: a figure for a restoration.
 
-    histogram: residuals, and the normal distribution of their mean and standard deviation; normal: their quantiles over
-    those of a normal distribution, and the line through the quartiles; fits: residuals over fitted intensities, as a
-    density with the running median and the range of the middle 68 %; distance: points seen from many distances, and
-    what the model makes of points of several colours. Red, green and blue stand side by side.
+    From top to bottom: residuals, and the normal distribution of their mean and standard deviation; their quantiles
+    over those of a normal distribution, and the line through the quartiles; residuals over fitted intensities, as a
+    density with the running median and the range of the middle 68 %; points seen from many distances, and what the
+    model makes of points of several colours. Red, green and blue stand side by side.
 
     All is drawn from what methods record as "residuals" (`sucre`, `sucre_plus` and `sucre_paper`). Of each
     dataset and method, the two views with most observations are drawn.
     """
+    rows = (
+        (_histogram, "residual, intensity", "density"),
+        (_normal, "normal quantile", "residual, intensity"),
+        (_fits, "fitted intensity", "residual, intensity"),
+        (_distance, "distance, m", "intensity"),
+    )
     is_drawn = False
-    for (dataset, method), of_method in restorations(results.rows).groupby(
-        ["dataset", "method"], sort=False
-    ):
-        recorded = [(row.view, read_record(row, results.out)) for row in of_method.itertuples()]
-        recorded = [
-            (view, record)
-            for view, record in recorded
-            if record.get("residuals", {}).get("tracks")
-        ]
+    each = restorations(results.rows).groupby(["dataset", "method"], sort=False)
+    for (dataset, method), of_method in each:
+        records = [(row.view, read_record(row, results.out)) for row in of_method.itertuples()]
+        recorded = [each for each in records if each[1].get("residuals", {}).get("tracks")]
         recorded.sort(key=lambda each: -each[1].get("n_observations", 0))
         for view, record in recorded[:_VIEWS]:
             is_drawn = True
-            title = f"{view} of {dataset}, {method}"
-            words = file_name(f"{dataset}-{method}-{Path(view).stem}")
-            count = f"residuals of {record['residuals']['observations']:,} observations"
-            for kind, about, x, y, draw in (
-                ("histogram", count, "residual, intensity", "density", _histogram),
-                ("normal", "normal plots", "normal quantile", "residual, intensity", _normal),
-                (
-                    "fits",
-                    "residuals over fits",
-                    "fitted intensity",
-                    "residual, intensity",
-                    _fits,
-                ),
-                (
-                    "distance",
-                    "points over distance, and the model (dotted)",
-                    "distance, m",
-                    "intensity",
-                    _distance,
-                ),
-            ):
-                figure, axes = style.figure(2, 2.2, ncols=3, sharey=kind == "normal")
-                figure.suptitle(f"{title}: {about}")
-                for channel, (panel, (name, colour)) in enumerate(
-                    zip(axes[0], style.CHANNELS.items(), strict=True)
-                ):
-                    panel.set(title=name, xlabel=x)
+            figure, axes = style.figure(2, 8.0, len(rows), len(style.CHANNELS))
+            count = record["residuals"]["observations"]
+            figure.suptitle(
+                f"{view} of {dataset}, {method}: residuals of {count:,} observations"
+            )
+            for (draw, x, y), panels in zip(rows, axes, strict=True):
+                channels = zip(panels, style.CHANNELS.values(), strict=True)
+                for channel, (panel, colour) in enumerate(channels):
+                    panel.set_xlabel(x)
                     panel.locator_params(axis="x", nbins=5)
                     draw(panel, record, channel, colour)
-                axes[0, 0].set_ylabel(y)
-                yield (kind, words), figure
+                panels[0].set_ylabel(y)
+            for panel, name in zip(axes[0], style.CHANNELS, strict=True):
+                panel.set_title(name)
+            yield (file_name(f"{dataset}-{method}-{Path(view).stem}"),), figure
     if not is_drawn:
         raise NotApplicableError(
             "no record has residuals; run sucre, sucre_plus or sucre_paper with save=full"
@@ -117,27 +102,19 @@ def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str
     width = left["histogram"]["width"]
     edges = (np.arange(len(counts) + 1) - len(counts) / 2) * width
     total = counts.sum() + left["histogram"]["beyond"][channel]
-    mean = left["mean"][channel]
     std = max(left["std"][channel], width / 10)
     panel.stairs(counts / (total * width), edges, fill=True, color=colour, alpha=0.5)
     at = np.linspace(-_REACH * std, _REACH * std, 201)
-    normal = np.exp(-(((at - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))
-    panel.plot(at, normal, "k--", linewidth=0.9)
+    panel.plot(at, norm.pdf(at, left["mean"][channel], std), "k--", linewidth=0.9)
     panel.set_xlim(float(at[0]), float(at[-1]))
-    panel.set_ylim(top=1.3 * panel.get_ylim()[1])  # room for words
-    names = {
-        "std": "std",
-        "robust_std": "robust std",
-        "skew": "skew",
-        "kurtosis": "exc. kurtosis",
-    }
-    moments = {label: left[name][channel] for name, label in names.items()}
-    words = "\n".join(
-        f"{label} {value:.3g}" for label, value in moments.items() if value is not None
-    )
-    panel.text(
-        0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small"
-    )
+    panel.set_ylim(top=1.5 * panel.get_ylim()[1])  # room for words
+    words = [
+        f"{name} {left[key][channel]:.3g}"
+        for key, name in _MOMENTS.items()
+        if left[key][channel] is not None
+    ]
+    where: Any = {"ha": "right", "va": "top", "fontsize": 5.5, "transform": panel.transAxes}
+    panel.text(0.98, 0.98, "\n".join(words), **where)
 
 
 def _normal(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
@@ -152,23 +129,20 @@ def _normal(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -
 def _fits(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
     of_channel = record["residuals"]["against_fit"][list(style.CHANNELS)[channel]]
     counts = np.array(of_channel["counts"], dtype=float).T
-    (low, high), (first, last) = of_channel["residual"], of_channel["fit"]
-    heights = np.linspace(low, high, counts.shape[0] + 1)
+    lowest, highest = of_channel["residual"]
+    first, last = of_channel["fit"]
+    heights = np.linspace(lowest, highest, counts.shape[0] + 1)
     fits = np.linspace(first, last, counts.shape[1] + 1)
-    norm = LogNorm(1, max(counts.max(), 2))
     shown = np.ma.masked_equal(counts, 0)
-    panel.pcolormesh(fits, heights, shown, norm=norm, cmap="Greys", rasterized=True)
+    panel.pcolormesh(fits, heights, shown, norm="log", cmap="Greys", rasterized=True)
     middle = (fits[:-1] + fits[1:]) / 2
-    low, median, high = (
-        np.array(of_channel[name], dtype=float) for name in ("low", "median", "high")
-    )
-    panel.plot(middle, median, color=colour)
-    panel.plot(middle, low, middle, high, color=colour, linewidth=0.7, linestyle="--")
+    for name, line in (("low", "--"), ("median", "-"), ("high", "--")):
+        panel.plot(middle, np.array(of_channel[name], dtype=float), line, color=colour)
     panel.axhline(0, color="k", linewidth=0.5)
 
 
 def _distance(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
-    """Points over distance, and the image formation model (SUCRe, eq. 2)."""
+    """Points over distance, and dotted the image formation model (SUCRe, eq. 2)."""
     points = record["residuals"]["tracks"]
     chosen = [points[k] for k in evenly(len(points), _POINTS)]
     for point in chosen:
@@ -190,8 +164,6 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
     error. Axes are logarithmic, on which such a line bends towards a where n is small. Variants that share what they
     pair show the same points for pairing; reading files, and degrading what is read, is part of it.
     """
-    import pandas as pd
-
     counts = scores_of(results.rows, "observations")
     table = beside(restorations(results.rows), counts[counts["variant"] == "all"], "n", KEYS)
     table = table[table["n"] > 0]
@@ -199,26 +171,24 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
         raise NotApplicableError(
             f"no restoration has a number of observations; {adding('observations')}"
         )
-    records = [
+    stages = [
         read_record(row, results.out).get("stage_seconds", {}) for row in table.itertuples()
     ]
-    stages = pd.DataFrame(records, table.index, ["pair", "solve"], dtype=float)
-    table = table[["method", "n"]].assign(
-        seconds=table["value"], pair=stages["pair"], solve=stages["solve"]
-    )
+    for stage in ("pair", "solve"):
+        table[stage] = [seconds.get(stage, np.nan) for seconds in stages]
     shown = {stage: title for stage, title in _STAGES.items() if table[stage].notna().any()}
-    figure, axes = style.figure(
-        2, 2.8 if len(shown) > 1 else 2.6, ncols=len(shown), sharey=True
-    )
-    looks = style.looks(table["method"])
+    figure, axes = style.figure(2, 2.8, ncols=len(shown), sharey=True)
     for panel, (stage, title) in zip(axes[0], shown.items(), strict=True):
-        for method, of_method in table[table[stage] > 0].groupby("method", sort=False):
+        for method, look in style.looks(table["method"]).items():
+            of_method = table[(table["method"] == method) & (table[stage] > 0)]
+            if of_method.empty:
+                continue
             n = of_method["n"].to_numpy()
             seconds = of_method[stage].to_numpy()
-            look = looks[str(method)]
-            label = str(method)
+            label = method
             if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
-                a, b, error = line(n, seconds)
+                (b, a), covariance = np.polyfit(n, seconds, 1, w=1 / seconds, cov=True)
+                error = np.sqrt(covariance[0, 0])
                 at = np.geomspace(n.min(), n.max(), 50)
                 if b > 0:  # falling times have other causes than observations
                     panel.plot(at, a + b * at, color=look.colour, linewidth=0.9)
@@ -229,31 +199,11 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
             )
         panel.set(title=title, xlabel="observations", xscale="log", yscale="log")
         panel.xaxis.set_major_formatter(EngFormatter(sep=""))
+        panel.xaxis.set_minor_formatter(EngFormatter(sep=""))
         panel.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
-        few = table["n"].max() < _LABELLED * table["n"].min()
-        panel.xaxis.set_minor_formatter(EngFormatter(sep="") if few else "")
         panel.legend(loc="upper left", bbox_to_anchor=(0, -0.22), borderaxespad=0)
     axes[0, 0].set_ylabel("seconds")
     yield (), figure
-
-
-def line(n: Array, seconds: Array) -> tuple[float, float, float]:
-    """Return a and b of t = a + b n, in seconds and seconds an observation, and the standard error of b.
-
-    Least squares, each error relative to the line's own time, in a few rounds; a and b are not below 0.
-    """
-    from scipy.optimize import nnls
-
-    design = np.stack([np.ones(len(n)), n], axis=1)
-    expected = seconds
-    for _ in range(_ROUNDS):
-        scaled = design / expected[:, None]
-        fitted, misfit = nnls(scaled, seconds / expected)
-        expected = np.maximum(design @ fitted, _LEAST_S)
-    known = scaled[:, fitted > 0]
-    variance = misfit**2 / max(len(n) - known.shape[1], 1)
-    a, b = fitted.tolist()
-    return a, b, float(np.sqrt(variance * np.linalg.inv(known.T @ known)[-1, -1]))
 
 
 def water(results: StudyResults) -> Iterator[Drawn]:
@@ -294,13 +244,14 @@ def water(results: StudyResults) -> Iterator[Drawn]:
                 ):
                     _parameter(panel, of_method, parameter, truth.get(symbol, ()))
                 column[0].set_title(method)
-                if truth and "true" not in axes[0, 0].get_legend_handles_labels()[1]:
-                    axes[0, 0].plot([], [], "--", color="#666666", linewidth=0.8, label="true")
             for row, (_, label) in zip(axes, _PARAMETERS.values(), strict=True):
                 row[0].set_ylabel(label)
                 low, high = row[0].get_ylim()
                 row[0].set_ylim(low, high + 0.15 * (high - low))  # room for the numbers
-            style.caption(figure, "variance of the view's distances (m²)", axes[0, 0])
+            about = (
+                "variance of the view's distances (m²); dashed: true water, where it is known"
+            )
+            style.caption(figure, about, axes[0, 0])
             yield (name, page), figure
 
 

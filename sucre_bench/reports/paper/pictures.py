@@ -4,11 +4,10 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
-from matplotlib.patches import Rectangle
 from PIL import Image, ImageOps
 
 from sucre_bench.arrays import Array, evenly
@@ -20,27 +19,19 @@ from sucre_bench.reports.metric_roles import adding, scores_of
 from sucre_bench.reports.paper import style
 from sucre_bench.reports.paper.study_results import Drawn, StudyResults
 from sucre_bench.results import layout
-from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import unreplicated
 
 _MOST_VIEWS = 4
 _MOST_COLUMNS = 8
 _DPI = 300
-_TEXT = 0.15  # inches, a line
-_GAP = 0.03  # inches between pictures
+_TEXT = 0.13  # inches, a line
+_GAP = 0.01  # inches around a picture
 
 # Of seams: views drawn of each dataset, and methods of each.
 _VIEWS = 2
 _METHODS = 5
 
-# The window enlarged: its share of the picture's width, and its height over its width; the top of the scale of steps.
-_WINDOW = 0.22
-_SHAPE = 0.75
-_TOP = 0.25
-
-# A picture is another one where so much of it differs from the photograph by more than its JPEG file does.
-_DIFFERS = 8 / 255
-_PART = 0.05
+_TOP = 0.25  # of the scale of steps
 
 
 def pictures(results: StudyResults) -> Iterator[Drawn]:
@@ -94,92 +85,71 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
     """A row a view; columns: the files of each, which may be missing."""
     with Image.open(columns["input"][0]) as first:
         shape = first.height / first.width
-    width = (style.WIDTH[2] - _TEXT) / len(columns) - _GAP
-    height = shape * width
+    width = (style.WIDTH[2] - _TEXT) / len(columns)
     heads = [_wrapped(name, width, 3) for name in columns]
-    total = (
-        0.05
-        + 0.115 * max(head.count("\n") + 1 for head in heads)
-        + len(views) * (height + _GAP)
-    )
-    figure, axes = style.figure(2, total, len(views), len(columns))
-    figure.set_layout_engine("none")  # pictures keep their shape
-    files = list(columns.values())
-    for (r, c), panel in np.ndenumerate(axes):
-        left = _TEXT + c * (width + _GAP)
-        bottom = (len(views) - r - 1) * (height + _GAP)
-        panel.set_position(
-            (left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total)
-        )
-        panel.set(xticks=[], yticks=[])
-        panel.spines[:].set_visible(False)
-        try:
-            with Image.open(regular(files[c][r])) as picture:
-                wide = min(round(width * _DPI), picture.width, round(picture.height / shape))
-                size = (wide, max(1, round(wide * shape)))
-                fitted = np.asarray(
-                    ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX)
-                )
-        except (OSError, InputError):
-            panel.set_facecolor("#EEEEEE")
-            panel.text(
-                0.5,
-                0.5,
-                "none",
-                ha="center",
-                va="center",
-                color="#777777",
-                transform=panel.transAxes,
-            )
-        else:
-            panel.imshow(fitted, aspect="auto", interpolation="none")
+    n_lines = 1 + max(head.count("\n") for head in heads)
+    height = 0.05 + _TEXT * n_lines + len(views) * shape * width
+    figure, axes = style.figure(2, height, len(views), len(columns))
+    figure.set_layout_engine("compressed", w_pad=_GAP, h_pad=_GAP, wspace=0, hspace=0)
+    for column, files in zip(axes.T, columns.values(), strict=True):
+        for panel, file in zip(column, files, strict=True):
+            panel.set(xticks=[], yticks=[], box_aspect=shape)
+            panel.spines[:].set_visible(False)
+            try:
+                with Image.open(regular(file)) as picture:
+                    wide = min(
+                        round(width * _DPI), picture.width, round(picture.height / shape)
+                    )
+                    size = (wide, max(1, round(wide * shape)))
+                    fitted = ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX)
+            except (OSError, InputError):
+                panel.set_facecolor("#EEEEEE")
+                centred: Any = {"ha": "center", "va": "center", "transform": panel.transAxes}
+                panel.text(0.5, 0.5, "none", color="#777777", **centred)
+            else:
+                panel.imshow(np.asarray(fitted), aspect="auto", interpolation="none")
     for panel, head in zip(axes[0], heads, strict=True):
         panel.set_title(head, pad=2)
     for name, panel in zip(views, axes[:, 0], strict=True):
-        panel.set_ylabel(_wrapped(name, height), labelpad=2)
+        panel.set_ylabel(_wrapped(name, shape * width, 1), labelpad=2)
     return figure
 
 
-def _wrapped(text: str, inches: float, lines: int = 1) -> str:
-    """A label of 7 points in so many lines, broken between words, without its end where there is no room."""
-    # wrap breaks at spaces: a zero byte stands for none
-    words = re.sub(r"([_,=])", "\\1\0 ", text)
-    wrapped = textwrap.wrap(
-        words,
-        max(5, int(inches / 0.057)),
-        max_lines=lines,
-        placeholder="…",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return "\n".join(wrapped).replace("\0 ", "").replace("\0", "")
+def _wrapped(text: str, inches: float, lines: int) -> str:
+    """A label of 7 points in so many lines, broken after _ , and =, without its end where there is no room."""
+    words = re.sub("([_,=])", r"\1 ", text)
+    n_letters = max(5, int(inches / 0.057))
+    whole: Any = {"break_long_words": False, "placeholder": "…"}
+    wrapped = textwrap.fill(words, n_letters, max_lines=lines, **whole)
+    return re.sub("([_,=]) ", r"\1", wrapped)
 
 
 def seams(results: StudyResults) -> Iterator[Drawn]:
     """Draw pictures beside one another, with the steps that the photograph does not have (`imaging.seams`).
 
     Of each dataset, the views with the highest score of the metric seams are drawn, a figure each. It has the
-    photograph, and every method that changed it, all at full contrast (percentiles 1 and 99 of each channel), as the
-    metric sees them. Below are, enlarged, the window with most seams in any of them; and the steps. Distances are not
-    kept with results: steps are looked for at all distances here, and without accounting for those. Scores are the
-    metric's.
+    photograph, and the methods with most seams, and the steps below each. Distances are not kept with results: steps
+    are looked for at all distances here, and without accounting for those. Scores are the metric's.
     """
     scores = scores_of(results.rows, "seams")
-    is_drawn = False
     scores = scores[scores["variant"].isin(scores["variant"].iloc[:1])]  # of several, the first
-    for _, of_dataset in scores.groupby("dataset", sort=False):
-        views = of_dataset.groupby(["dataset", "scene", "view"], sort=False)
-        worst = views["value"].max().sort_values(ascending=False, kind="stable")
-        for dataset, scene, view in worst.index[:_VIEWS]:
-            of_view = views.get_group((dataset, scene, view))
-            values = dict(zip(of_view["method"], of_view["value"], strict=True))
-            photograph, changed = _changed(
-                layout.find(dataset, scene, view, results.out), [*values], results.out
-            )
-            if changed:
+    scores = scores.sort_values("value", ascending=False, kind="stable")
+    is_drawn = False
+    for dataset, of_dataset in scores.groupby("dataset", sort=False):
+        worst = of_dataset.groupby(["scene", "view"], sort=False)
+        for (scene, view), of_view in [*worst][:_VIEWS]:
+            place = layout.find(str(dataset), scene, view, results.out)
+            if not place or not place.original(results.out).is_file():
+                continue
+            pictures = {}
+            for method, value in of_view[["method", "value"]].itertuples(index=False):
+                path = place.restored(results.out, method)
+                if path.is_file():
+                    pictures[f"{method}\nseams {value:.2%}"] = read_rgb(path)
+            if pictures:
                 is_drawn = True
-                titles = {method: f"{method}\nseams {values[method]:.2%}" for method in changed}
-                figure = _seams(photograph, changed, titles)
+                shown = dict([*pictures.items()][:_METHODS])
+                figure = _seams(read_rgb(place.original(results.out)), shown)
                 figure.suptitle(f"{view} of {dataset}")
                 yield (layout.file_name(f"{dataset}-{Path(view).stem}"),), figure
     if not is_drawn:
@@ -188,64 +158,23 @@ def seams(results: StudyResults) -> Iterator[Drawn]:
         )
 
 
-def _changed(
-    place: Place | None, methods: Sequence[str], out: Path
-) -> tuple[Array, dict[str, Array]]:
-    """The photograph and what methods made of it, NaN where there is no colour, without those that left it alone."""
-    changed: dict[str, Array] = {}
-    if place is None or not place.original(out).is_file():
-        return np.zeros((0, 0, 3)), changed
-    photograph = read_rgb(place.original(out))
-    for path, method in ((place.restored(out, method), method) for method in methods):
-        if len(changed) < _METHODS and path.is_file():
-            made = read_rgb(path)
-            known = np.asarray((made > 0).any(axis=-1))
-            if np.mean(np.abs(made - photograph)[known] > _DIFFERS) > _PART:
-                changed[method] = np.where(known[..., None], made, np.nan)
-    return photograph, changed
-
-
-def _seams(
-    photograph: Array, changed: Mapping[str, Array], titles: Mapping[str, str]
-) -> Figure:
-    import cv2
-
-    found = {method: find_seams(picture, photograph) for method, picture in changed.items()}
-    high, wide = photograph.shape[:2]
-    shapes = [high / wide, _SHAPE, high / wide]
-    columns = {"photograph\n": photograph} | {
-        titles[method]: picture for method, picture in changed.items()
-    }
-    height = style.WIDTH[2] / len(columns) * sum(shapes) + 0.7  # of titles
-    figure, axes = style.figure(2, height, 3, len(columns), height_ratios=shapes)
-    # The window with most seams in any of the pictures, in pixels of the photograph.
-    w = max(1, round(_WINDOW * wide))
-    h = min(max(1, round(w * _SHAPE)), high)
-    masks = [seams.is_seam.astype(np.float32) for seams in found.values()]
-    rows, cols = masks[0].shape
-    size = (max(1, round(w * cols / wide)), max(1, round(h * rows / high)))
-    within = np.max(
-        [cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks],
-        axis=0,
-    )
-    row, col = np.unravel_index(int(within.argmax()), within.shape)
-    x = min(max(round((col + 0.5) * wide / cols - w / 2), 0), wide - w)
-    y = min(max(round((row + 0.5) * high / rows - h / 2), 0), high - h)
-    for column, (title, picture) in zip(axes.T, columns.items(), strict=True):
-        shown = np.nan_to_num(picture)
-        column[0].imshow(shown)
-        column[0].add_patch(
-            Rectangle((x, y), w, h, fill=False, edgecolor="white", linewidth=0.8)
-        )
-        column[1].imshow(shown[y : y + h, x : x + w], interpolation="nearest")
+def _seams(photograph: Array, pictures: Mapping[str, Array]) -> Figure:
+    """Pictures by title beside the photograph, and below each its steps."""
+    n_columns = 1 + len(pictures)
+    height = 2 * style.WIDTH[2] / n_columns * photograph.shape[0] / photograph.shape[1] + 0.7
+    figure, axes = style.figure(2, height, 2, n_columns)
+    for panel in axes.flat:
+        panel.set(xticks=[], yticks=[])
+        panel.spines[:].set_visible(False)
+    axes[0, 0].imshow(photograph)
+    axes[0, 0].set_title("photograph\n")
+    for column, (title, picture) in zip(axes.T[1:], pictures.items(), strict=True):
+        is_known = (picture > 0).any(axis=-1, keepdims=True)
+        steps = find_seams(np.where(is_known, picture, np.nan), photograph).excess
+        column[0].imshow(picture)
         column[0].set_title(title)
-        for panel in column:
-            panel.set(xticks=[], yticks=[])
-            panel.spines[:].set_visible(False)
-    for panel, seams in zip(axes[2, 1:], found.values(), strict=True):
-        image: AxesImage = panel.imshow(seams.excess, vmin=0, vmax=_TOP, cmap="magma")
-        panel.set_facecolor("#888888")  # not looked at
-    axes[2, 0].set_axis_off()
-    bar = figure.colorbar(image, cax=axes[2, 0].inset_axes((0.2, 0.05, 0.08, 0.9)))
+        image = column[1].imshow(steps, vmin=0, vmax=_TOP, cmap="magma")
+        column[1].set_facecolor("#888888")  # not looked at
+    bar = figure.colorbar(image, cax=axes[1, 0].inset_axes((0.2, 0.05, 0.08, 0.9)))
     bar.set_label("step that the photograph\ndoes not have,\nshare of contrast")
     return figure

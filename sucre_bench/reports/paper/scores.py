@@ -8,14 +8,11 @@ The photograph is left out: it competes with no method.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Cell, Column, Comparison
 from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
@@ -57,24 +54,9 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
                 scored.sort(key=lambda each: each[1].place or math.inf)
                 for y, (method, cell) in enumerate(scored):
                     colour, marker = looks[method]
-                    if math.isfinite(cell.low):
-                        panel.plot(
-                            [cell.low, cell.high],
-                            [y, y],
-                            color=colour,
-                            linewidth=1,
-                            solid_capstyle="butt",
-                        )
-                    if math.isfinite(cell.mean):
-                        face = "white" if cell.tie else colour
-                        panel.plot(
-                            cell.mean,
-                            y,
-                            marker,
-                            color=colour,
-                            markerfacecolor=face,
-                            markeredgewidth=0.9,
-                        )
+                    face = "white" if cell.tie else colour
+                    panel.plot([cell.low, cell.high], [y, y], color=colour, linewidth=1)
+                    panel.plot(cell.mean, y, marker, color=colour, markerfacecolor=face)
                 panel.set_yticks(range(len(scored)), [method for method, _ in scored])
                 panel.set_ylim(len(scored) - 0.4, -0.6)
                 panel.tick_params(axis="y", length=0)
@@ -82,25 +64,8 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
                 panel.set_xlabel(f"{title(column)} ({column.variant})")
                 panel.spines["left"].set_visible(False)
                 _logarithmic(panel, column, [cell.mean for _, cell in scored])
-            if any(comparison.cells[key].tie for key in comparison.cells if key[1] in shown):
-                legend = [
-                    Line2D(
-                        [],
-                        [],
-                        marker="o",
-                        color="#444444",
-                        linestyle="",
-                        markerfacecolor=face,
-                        label=label,
-                    )
-                    for face, label in (
-                        ("#444444", "the best, and what differs from it by more than chance"),
-                        ("white", "the difference from the best may be chance"),
-                    )
-                ]
-                figure.legend(
-                    handles=legend, loc="outside upper center", ncols=min(2, len(shown))
-                )
+            if any(cell.tie for (_, c), cell in comparison.cells.items() if c in shown):
+                figure.supxlabel("hollow: the difference from the best may be chance")
             yield (comparison.title if len(drawn) > 1 else "", page), figure
 
 
@@ -118,17 +83,15 @@ def _telling(comparison: Comparison, study: Study) -> list[Column]:
     columns = [
         c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named)
     ]
-    means = {
-        c: [
-            cell.mean
-            for (_, scored), cell in comparison.cells.items()
-            if scored == c and math.isfinite(cell.mean)
+    telling = []
+    for column in columns:
+        means = [
+            cell.mean for (_, scored), cell in comparison.cells.items() if scored == column
         ]
-        for c in columns
-    }
-    return [
-        column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1
-    ]
+        known = [mean for mean in means if math.isfinite(mean)]
+        if len(known) == 1 or len(set(known)) > 1:
+            telling.append(column)
+    return telling
 
 
 def against(results: StudyResults) -> Iterator[Drawn]:
@@ -196,25 +159,15 @@ _FEWEST_METHODS = 4
 _DRAWS = 4000
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How far a score agrees with the metric that counts as the truth."""
+def agreements(comparisons: Sequence[Comparison], truth: str) -> DataFrame:
+    """Return the agreement of every score with a metric, "name" or "name:variant", best first.
 
-    name: str
+    The index has the scores; columns: tau, the mean over scenes; low and high, its 95 % interval, NaN over one scene;
+    n_scenes.
+    """
+    import pandas as pd
+    from scipy.stats import bootstrap
 
-    tau: float
-    """The mean over scenes."""
-
-    # The 95 % interval of tau, NaN over one scene.
-    low: float
-    high: float
-
-    n_scenes: int
-    """Number of scenes."""
-
-
-def agreements(comparisons: Sequence[Comparison], truth: str) -> list[Agreement]:
-    """Return the agreement of every score with a metric, best first. truth: "name" or "name:variant"."""
     by_score: dict[str, list[float]] = {}
     for table in comparisons:
         of_truth = [c for c in table.columns if truth in (c.metric, c.key)]
@@ -222,39 +175,37 @@ def agreements(comparisons: Sequence[Comparison], truth: str) -> list[Agreement]
             if column.directed and column != of_truth[0] and column.metric not in COSTS:
                 found = by_score.setdefault(column.key, [])
                 found += _of_scenes(table, column, of_truth[0])
-    rng = np.random.default_rng(0)
-    made = []
-    for name, of_scenes in by_score.items():
-        if of_scenes:
-            taus, n = np.array(of_scenes), len(of_scenes)
-            means = taus[rng.integers(0, n, (_DRAWS, n))].mean(axis=1)
-            low, high = np.quantile(means, (0.025, 0.975)) if n > 1 else (np.nan, np.nan)
-            made.append(Agreement(name, float(taus.mean()), float(low), float(high), n))
-    return sorted(made, key=lambda each: -each.tau)
+    made: dict[str, tuple[float, ...]] = {}
+    for name, taus in by_score.items():
+        if len(taus) > 1:
+            drawn = {"n_resamples": _DRAWS, "method": "percentile", "random_state": 0}
+            low, high = bootstrap((taus,), np.mean, **drawn).confidence_interval
+            made[name] = (float(np.mean(taus)), low, high, len(taus))
+        elif taus:
+            made[name] = (taus[0], math.nan, math.nan, 1)
+    columns = ["tau", "low", "high", "n_scenes"]
+    table = pd.DataFrame.from_dict(made, "index", columns=columns)
+    return table.sort_values("tau", ascending=False, kind="stable")
 
 
 def _of_scenes(table: Comparison, column: Column, truth: Column) -> list[float]:
     """Return the mean tau of each scene of one table."""
-    from scipy.stats import kendalltau
+    import pandas as pd
 
-    one, other = table.measured.get(column), table.measured.get(truth)
-    if one is None or other is None:
+    if column not in table.measured or truth not in table.measured:
         return []
-    names = [
-        name for name in one.methods if name in other.methods and name not in table.photographs
-    ]
-    taus: dict[str, list[float]] = {}
-    for place, scores in zip(one.places, one.views, strict=True):
-        if place not in other.places or len(names) < _FEWEST_METHODS:
-            continue
-        true: Array = other.views[other.places.index(place)]
-        pairs = [
-            (scores[one.methods.index(name)], true[other.methods.index(name)]) for name in names
-        ]
-        tau = float(kendalltau(*zip(*pairs, strict=True)).statistic)
-        if np.isfinite(tau):
-            taus.setdefault(place[0], []).append(tau if column.better == truth.better else -tau)
-    return [float(np.mean(of_scene)) for of_scene in taus.values()]
+    scores, true = (
+        pd.DataFrame(
+            known.views, pd.MultiIndex.from_tuples(known.places), columns=known.methods
+        ).drop(columns=list(table.photographs), errors="ignore")
+        for known in (table.measured[column], table.measured[truth])
+    )
+    scores, true = scores.align(true, join="inner")
+    if len(scores.columns) < _FEWEST_METHODS:
+        return []
+    taus = scores.corrwith(true, axis=1, method="kendall")
+    sign = 1 if column.better == truth.better else -1
+    return (sign * taus.groupby(level=0).mean().dropna()).tolist()
 
 
 def validity(results: StudyResults) -> Iterator[Drawn]:
@@ -263,30 +214,17 @@ def validity(results: StudyResults) -> Iterator[Drawn]:
         raise NotApplicableError("no metric to agree with; name it first in study.metrics")
     truth = results.study.metrics[0]
     found = agreements(results.comparisons, truth)
-    if not found:
+    if found.empty:
         raise NotApplicableError(
             f"no score to hold against {truth}; run {_FEWEST_METHODS} methods and other metrics"
         )
-    yield (), drawing(found, truth)
-
-
-def drawing(found: Sequence[Agreement], truth: str) -> Figure:
-    """Return the figure of these agreements, best on top."""
     figure, ((panel,),) = style.figure(1, 0.6 + 0.14 * len(found))
-    for y, each in enumerate(found):
-        panel.plot([each.low, each.high], [y, y], color="#0072B2", linewidth=1)
-        panel.plot(each.tau, y, "o", color="#0072B2")
-        panel.annotate(
-            f"{each.tau:.2f}",
-            (1.02, y),
-            xycoords=("axes fraction", "data"),
-            va="center",
-            fontsize=6,
-        )
+    places = range(len(found))
+    panel.hlines(places, found["low"], found["high"], color="#0072B2", linewidth=1)
+    panel.plot(found["tau"], places, "o", color="#0072B2")
     panel.axvline(0, color="#888888", linewidth=0.6)
-    panel.set_yticks(range(len(found)), [each.name for each in found])
+    panel.set_yticks(places, [f"{name}  {tau:.2f}" for name, tau in found["tau"].items()])
     panel.set_ylim(len(found) - 0.4, -0.6)
     panel.grid(axis="x")
-    scenes = max(each.n_scenes for each in found)
-    panel.set_xlabel(f"Kendall's tau with {truth}, {scenes} scenes")
-    return figure
+    panel.set_xlabel(f"Kendall's tau with {truth}, {found['n_scenes'].max():.0f} scenes")
+    yield (), figure

@@ -31,7 +31,7 @@ from sucre_bench.compare import (
     only,
     statistics,
 )
-from sucre_bench.compare.choose_rows import asked_for, without_replicates
+from sucre_bench.compare.choose_rows import without_replicates
 from sucre_bench.compare.documents import Level, ends_of, fields_of
 from sucre_bench.compare.model import NO_DIFFERENCE
 from sucre_bench.degrade.options import VIEWS, Degradation, read_water
@@ -58,16 +58,10 @@ class StudyResults:
     out: Path
     """The results folder."""
 
-    made: tuple[Comparison, ...] = ()
-    """Comparisons of these rows by all metrics, if there are some already."""
-
     @cached_property
     def comparisons(self) -> list[Comparison]:
         """A table for each dataset: methods by the study's metrics."""
-        if not self.made or any(table.baseline for table in self.made):
-            return self._compare("method")
-        scored = set(self.rows.loc[asked_for(self.rows, self.study.metrics), "dataset"])
-        return [only(table, self.study.metrics) for table in self.made if table.title in scored]
+        return self._compare("method")
 
     @cached_property
     def with_baseline(self) -> list[Comparison]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import Comparison, verdicts
+from sucre_bench.compare import verdicts
 from sucre_bench.compare.documents import as_text, levels_as_text
 from sucre_bench.compare.words import verdict_text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
@@ -50,13 +50,11 @@ def write(
     out: Path,
     methods: Sequence[str] = (),
     datasets: Sequence[str] = (),
-    comparisons: Sequence[Comparison] = (),
 ) -> Written:
     """Write a study's tables and figures under `out`.
 
     rows: of the study's methods and datasets alone, as `results.read` returns them; methods, datasets: labels in the
-    order that tables and figures have them, default as they were first run; comparisons: of these rows by all metrics,
-    if they are made already. What cannot be made is a note, and costs
+    order that tables and figures have them, default as they were first run. What cannot be made is a note, and costs
     nothing else. Raises OutputError where files cannot be written.
     """
     notes: list[str] = []
@@ -70,7 +68,7 @@ def write(
     else:
         named = study.metrics
         study = _applicable(study, rows, notes)
-        results = StudyResults(study, rows.reset_index(drop=True), out, tuple(comparisons))
+        results = StudyResults(study, rows.reset_index(drop=True), out)
         with _noting(f"{study.name}: tables", out, notes):
             if named and not study.metrics:
                 raise NotApplicableError("no requested metric has a score")

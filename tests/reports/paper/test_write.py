@@ -10,7 +10,6 @@ import pytest
 from support.made_results import csv, noisy, row
 
 from sucre_bench import InputError
-from sucre_bench.compare import compare
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study, write, write_study
 from sucre_bench.results.rows import frame
@@ -37,13 +36,10 @@ def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_
     assert "21.5" in second
 
 
-@pytest.mark.parametrize("already", [True, False])
-def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path, already: bool):
+def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path):
     base, other = [20.0, 25.0, 30.0, 25, 25], [21.0, 27.0, 33.0, 28, 26]
     rows = noisy({None: {"a": base, "b": other}})
-    # what `run baseline=a` has made for the terminal
-    made = compare(rows, baseline="a") if already else ()
-    write(Study("s", baseline="a"), rows, tmp_path, comparisons=made)
+    write(Study("s", baseline="a"), rows, tmp_path)
     told = csv(tmp_path).set_index("method")
     assert told.loc["b", "change"] == pytest.approx(2.0)
     text = (tmp_path / "tables/s.md").read_text()
