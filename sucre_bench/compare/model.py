@@ -215,9 +215,6 @@ class Verdict:
     may_be_chance: bool
     """Whether the interval has 0."""
 
-    undone_by: str = ""
-    """The view or scene without which a lead may be chance; "" if no one decides."""
-
     @property
     def is_sure(self) -> bool:
         """Whether the interval excludes 0."""

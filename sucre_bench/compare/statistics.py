@@ -65,7 +65,6 @@ _DRAWS = 10_000_000  # more than these only for the fewest resamples
 _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
-_MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
 # degrees of freedom of neighbours: with fewer, no lead is found however large it is
 _LEAST_FREEDOM = 3.0
 _MOST_ALIKE = 0.8  # correlation of neighbours: a larger one cannot be told from a trend, and would hide any lead
@@ -255,27 +254,6 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     return np.asarray(
         errors * np.clip(greatest * single / stdtrit(n - 1, (1 + _LEVEL) / 2), single, most)
     )
-
-
-def undone_by(units: Units, best: int, second: int) -> int | None:
-    """Return the number of a unit without which the best method's lead over the second may be chance; None if no one
-    unit decides.
-    """
-    pair = Units(units.sums[:, [best, second]], units.sizes)
-    (alone,) = differences(pair, [(0, 1)])
-    n = len(units.sizes)
-    if not alone > 0 or n > _MOST_LEFT_OUT:
-        return None
-    if n == 2:  # one unit has no interval
-        return 0
-    wider = differences(units, [(best, second)])[0] / alone  # by what neighbours have in common
-    sign = np.sign(np.diff(pair.sums.sum(axis=0)))
-    for unit in range(n):
-        rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))
-        change = sign * np.diff(rest.sums.sum(axis=0)) / rest.sizes.sum()
-        if change[0] <= wider * differences(rest, [(0, 1)])[0]:
-            return unit
-    return None
 
 
 def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array:

@@ -19,7 +19,6 @@ from sucre_bench.compare.model import (
     Verdict,
     may_be_chance,
 )
-from sucre_bench.compare.statistics import undone_by
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
@@ -386,9 +385,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
         f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
     )
     chance = ""
-    if verdict.undone_by:
-        chance = f", but without {verdict.undone_by} it may be chance"
-    elif verdict.may_be_chance:
+    if verdict.may_be_chance:
         chance = ", which may be chance"
         if column.worth == 0:
             chance += f" (a track needs {FEWEST_VIEWS} views)"
@@ -512,18 +509,9 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     gap, low, high = behind.behind
     if behind.place == 1 or not math.isfinite(gap):
         return
-    found = Verdict(
+    yield Verdict(
         column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie
     )
-    scores = comparison.measured[column]
-    if found.is_sure and scores.independent is not None:
-        unit = undone_by(scores.independent, *map(scores.methods.index, (best, second)))
-        if unit is not None:
-            names = [*dict.fromkeys(scene for scene, _ in scores.places)]
-            found = replace(
-                found, undone_by=names[unit] if len(names) > 1 else scores.places[unit][1]
-            )
-    yield found
 
 
 def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:

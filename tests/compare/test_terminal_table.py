@@ -190,18 +190,6 @@ def test_evidence_leads_only_by_its_name_with_how_well_it_agrees_with_truth():
         assert re.search(r"By uiqm, .*\b6 of 10 .*second leads first", text)
 
 
-def test_a_lead_that_one_view_could_undo_is_called_that():
-    even, one = [1.0, 1.2, 0.8, 1.1, 0.9, 1.0], [0.4, 1.9, 0.4, 1.8, 0.3, 1.7]
-    for gains, view in ((even, ""), (one, "v001")):
-        (comparison,) = compared(
-            {"psnr": {"a": [20.0] * 6, "b": [20 + gain for gain in gains]}}
-        )
-        (verdict,) = compare.verdicts(comparison)
-        assert verdict.is_sure
-        assert verdict.undone_by == view
-        assert ("without" in printed([comparison]).text) == bool(view)
-
-
 def test_a_table_says_that_the_data_lack_a_truth_only_if_metrics_looked_for_it():
     """Metrics of a reference and of charts were run, and neither is there; else the metrics are named as the reason."""
     rows = rows_of({name: [0.0, 1, 2] for name in "ab"}, **KINDS["uciqe"])
