@@ -145,8 +145,7 @@ def as_blocks(
             made += [_overview(of_many, key, width) for key in (keys if every else [main])]
         else:
             made += [_block(*one, width, every) for one in group]
-    same = words.unchanged(comparisons) if len(comparisons) > 1 else ()
-    return [*made, _joined("", [], (), same, width)] if same else made
+    return made
 
 
 def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) -> Group:
@@ -257,8 +256,7 @@ def _joined(
     )
     below = [Text(wrapper.fill(line), "dim") for line in dim if line]
     below += [Text(wrapper.fill(line)) for line in said if line]
-    above = [Text(wrapper.fill(head), "bold")] if head else []
-    return Group(*above, *tables, *below)
+    return Group(Text(wrapper.fill(head), "bold"), *tables, *below)
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:

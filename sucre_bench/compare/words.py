@@ -303,38 +303,6 @@ def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
     return made
 
 
-def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a sentence for each dataset of which all tables have the same scores of a method.
-
-    What tells the tables apart, fewer neighbouring views for example, does not reach this method.
-    """
-    groups = defaultdict[str, list[Comparison]](list)
-    for comparison in comparisons:
-        groups[comparison.title.partition(",")[0]].append(comparison)
-    said = []
-    for name, tables in groups.items():
-        same = []
-        for method in tables[0].restorers:
-            first = _means(tables[0], method)
-            if first and all(_means(one, method) == first for one in tables[1:]):
-                same.append(method)
-        if same and len(tables) > 1:
-            what = f"in all {len(tables)} tables of {name}: what differs between these does not reach"
-            said.append(
-                f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
-            )
-    return said
-
-
-def _means(comparison: Comparison, method: str) -> dict[str, float]:
-    """A method's mean by each score that ranks."""
-    return {
-        column.key: cell.mean
-        for (name, column), cell in comparison.cells.items()
-        if column.ranked and name == method and name in comparison.restorers
-    }
-
-
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
     return [

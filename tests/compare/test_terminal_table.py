@@ -403,18 +403,3 @@ def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label
     assert label in block.text
     words = {*re.split(r"\s+", printed([comparison], 2000).text)}
     assert {*re.split(r"\s+", block.text)} <= words
-
-
-def test_a_method_that_an_option_does_not_reach_is_named():
-    """gray_world has the same scores with one and with three neighbours; sucre has others."""
-    scores = [20.0, 21, 22, 23, 24]
-    tables = [
-        table(
-            {"gray_world": scores, "sucre": [score + n for score in scores]},
-            dataset=f"sea,within={n}",
-        )
-        for n in (1, 3)
-    ]
-    text = printed(tables).text
-    assert re.search("gray_world: the same scores in all 2 tables of sea", text)
-    assert not re.search("sucre: the same scores", text)
