@@ -176,7 +176,7 @@ def _block(comparison: Comparison, chosen: Deciding, width: int, every: bool) ->
         laid_out.append(laid)
     over = words.over_views(block.columns)
     over[:1] = [f"means {first}" for first in over[:1]]
-    dim = [_signs(block, laid_out, over), words.resolution(block), *words.left_out(block)]
+    dim = [_signs(block, laid_out, over), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
     said = answer(block, deciding(comparison) if every else chosen)
     return _joined(block.title, tables, dim, said, width, chosen.main)

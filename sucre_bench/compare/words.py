@@ -119,13 +119,12 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     value = number(cell.mean)
     if spread and not math.isnan(cell.std):
         value += f" ± {number(cell.std)}"
-    behind = [c for c in comparison.of(column).values() if c.place > 1]
     place: Look = ""
     mark = ""
-    if behind and column.ranked and not comparison.baseline:  # else there is no best
+    is_alone = all(c.place <= 1 for c in comparison.of(column).values())
+    if column.ranked and not comparison.baseline and not is_alone:  # else there is no best
         place = _PLACES.get(cell.place, "")
-        # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
-        mark = "≈" if cell.tie and not all(c.tie for c in behind) else ""
+        mark = "≈" if cell.tie else ""
     return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
 
 
@@ -218,37 +217,6 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False)
     ]
 
 
-def resolution(comparison: Comparison) -> str:
-    """Return which differences are more than chance, of scores in which some may be chance; "" if there are none.
-
-    They are from the least that shows of a method that varies little, to that of the one that varies most.
-    """
-    undecided, least = list[str](), list[str]()
-    for column in comparison.columns:
-        cells = comparison.of(column).values()
-        found = [cell.behind for cell in cells if cell.place > 1]
-        if comparison.baseline:
-            found = [cell.change for cell in cells]
-        are_chance = [may_be_chance(difference) for difference in found]
-        if not column.ranked or not any(are_chance):
-            continue
-        name = name_in(comparison, column)
-        if not comparison.baseline and all(are_chance):
-            undecided.append(name)
-        halves = [high - gap for gap, _, high in found if math.isfinite(high)]
-        if halves:
-            ends = dict.fromkeys([number(min(halves)), number(max(halves))])
-            least.append(" ".join(filter(None, [" to ".join(ends), column.unit, "in", name])))
-    said = []
-    if undecided:
-        said.append(
-            f"no method differs from the best by more than chance in {listed(undecided)}"
-        )
-    if least:
-        said.append(f"more than chance are only differences above {listed(least)}")
-    return "; ".join(said)
-
-
 def legend(
     comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True
 ) -> str:
@@ -273,7 +241,6 @@ def legend(
         of_change = interval if any(map(math.isfinite, judged)) else ""
         of = f"with a sign: the difference from {baseline}{of_change}; else {of}"
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
-    parts.append(resolution(comparison))
     if has_interval:
         units = (
             "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
