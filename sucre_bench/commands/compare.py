@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from sucre_bench.machine.terminal import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sucre_bench.compare import Comparison, Gated
+    from sucre_bench.compare import Gated
 
 
 @click.command()
@@ -127,15 +126,11 @@ def compare(
         if how not in ("csv", "json") and not all_columns:
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
-    elif intervals or all_metrics or spread:
-        _print_in_full(compared, all_columns, spread, intervals)
     else:
-        for block in as_blocks(compared, terminal.out.width, bool(metrics)):
+        width = terminal.out.width
+        for block in as_blocks(compared, width, all_columns, intervals, spread):
             terminal.out.print(block)
             click.echo()
-        click.echo(
-            f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}"
-        )
     if any(note.kind == "trained on" for table in compared for note in table.notes):
         from sucre_bench.engine.training_pictures import seen_in_training
 
@@ -145,19 +140,6 @@ def compare(
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)
-
-
-def _print_in_full(
-    compared: Sequence[Comparison], all_columns: bool, spread: bool, intervals: bool
-) -> None:
-    """Print tables with all their columns, or those that decide, and what else was asked for."""
-    from sucre_bench.compare.terminal_table import as_table
-    from sucre_bench.compare.words import deciding
-
-    for table in compared:
-        columns = table.columns if all_columns else deciding(table).columns
-        shown = replace(table, columns=columns)
-        terminal.out.print(as_table(shown, terminal.out.width, spread, intervals))
 
 
 def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
@@ -196,11 +178,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     elif verdict.outcome == "no score":
         say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
     elif verdict.outcome == "unknown":
-        lacks = "one view has" if column.n_views == 1 else "these scores have"
-        if column.worth == 0:
-            lacks = "fewer than 5 views of a track have"
         say(
-            f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval",
+            f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; so few views have no interval",
             "yellow",
         )
     else:

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, LinesError, did_you_mean
 from sucre_bench.machine import progress
+from sucre_bench.machine.text_formats import first_few
 from sucre_bench.plugins.plugin import Fault, Plugin
 from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.common_scores import (
@@ -112,7 +112,7 @@ def _say_differing(rows: DataFrame) -> None:
     methods = (disagreeing["dataset"] + " / " + disagreeing["method"]).unique()
     progress.say(
         f"{names_of(disagreeing['_folder'].unique())} share {len(of_score)} scores, and have different "
-        f"values of {len(differing)} of them ({listed(methods)}); "
+        f"values of {len(differing)} of them ({', '.join(methods)}); "
         f"the table shows the newest, from {names_of(newest['_folder'].unique())}. "
         "Run one with another label to see both"
     )
@@ -264,7 +264,7 @@ def mixed_codes(rows: DataFrame) -> Iterator[str]:
         older = of_method["view"][of_method["_made_by"] != last["_made_by"]].unique()
         if len(older):
             yield (
-                f"{method}: {listed(older)} restored by another version of its code than "
+                f"{method}: {first_few(older, 4)} restored by another version of its code than "
                 f"{last['view']}; give their run command again, what is out of date is done anew"
             )
 

@@ -16,7 +16,6 @@ from sucre_bench.compare.choose_rows import (
     Pixels,
     asked_for,
     leaves_holes,
-    metrics_in,
     metrics_of_faults,
     without_replicates,
 )
@@ -32,10 +31,8 @@ from sucre_bench.compare.notes import (
     pixel_notes,
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
-from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import natural_order
-from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
 
@@ -107,7 +104,7 @@ def compare(
             noted = faults.get(key, [])
             if only_older:
                 noted.append(
-                    Note(f"left out, because they ran on other data: {listed(only_older)}")
+                    Note(f"left out, because they ran on other data: {', '.join(only_older)}")
                 )
             scored = {name for one in table.columns for name in (one.metric, one.key)}
             noted += (
@@ -115,10 +112,11 @@ def compare(
                 for name in metrics
                 if scored and name not in scored
             )
-            if table.unknown:
+            unknown = dict.fromkeys(one.metric for one in table.columns if one.is_unknown)
+            for name in unknown:
                 noted.append(
                     Note(
-                        f"{listed(table.unknown)}: not registered here, so nobody wins by it; add --plugin FILE"
+                        f"{name}: not registered here, so nobody wins by it; add --plugin FILE"
                     )
                 )
             tables.append(replace(table, notes=(*table.notes, *noted)))
@@ -137,7 +135,10 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
         if name in methods or not methods or name == baseline
     )
     cells: dict[tuple[str, Column], Cell] = {}
-    for column, measured in comparison.measured.items():
+    for column in comparison.columns:
+        measured = comparison.measured.get(column)
+        if measured is None:
+            continue
         scores = measured.of([m for m, name in enumerate(measured.methods) if name in methods])
         made = [comparison.cells[name, column] for name in scores.methods]
         if baseline in scores.methods:
@@ -182,9 +183,6 @@ def _table(
     found: list[_Measured],
     stale: Collection[Restored],
 ) -> Comparison:
-    skipped = rows[rows["status"] == "skipped"]
-    lacking = skipped[Reason.among(skipped["reason"], Reason.LACK)]
-    needs = {need for plugin in metrics_in(lacking).values() for need in plugin.needs}
     has_holes = leaves_holes(rows)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
@@ -196,9 +194,6 @@ def _table(
             scores = _scores(
                 column, values.dropna() if column.missing else values, known.is_track
             )
-            units = scores.independent
-            if units and (units.alike > 0 or units.is_short_track):
-                column = replace(column, worth=units.worth)
             measured[column] = scores
         made[column] = values
         repetitions[column] = repeated
@@ -233,7 +228,6 @@ def _table(
         notes=(*noted, *known.notes),
         measured=measured,
         photographs=photographs,
-        lacks_truth=needs >= {"reference", "charts"},
     )
     return against(table, baseline) if baseline else table
 

@@ -14,7 +14,7 @@ from sucre_bench.compare.choose_rows import (
     scores_of_pixels,
 )
 from sucre_bench.compare.model import FILLED, METRICS, Column, Note, says_filled
-from sucre_bench.compare.words import listed, number
+from sucre_bench.compare.words import number
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, filled_restorations
 from sucre_bench.results.reasons import Reason, without_view
@@ -57,7 +57,7 @@ def about(rows: DataFrame) -> About:
     for name, plugin in methods.items():
         if plugin and plugin.cites.startswith("by this project"):  # no published method
             by_us[plugin.cites].append(name)
-    notes += [Note(f"{listed(by_us[text])}: {text}", "by us") for text in sorted(by_us)]
+    notes += [Note(f"{', '.join(by_us[text])}: {text}") for text in sorted(by_us)]
     notes += map(Note, mixed_codes(rows[rows["_fresh"]]))
     photographs = {name for name, plugin in methods.items() if plugin and plugin.is_photograph}
     known = [plugins.get("dataset", name) for name in datasets]
@@ -107,7 +107,7 @@ def notes(
         yield from _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
         if column.n_scored == 0:
-            text = f"{METRICS}: no {column.of} that {listed(values.columns)} all have"
+            text = f"{METRICS}: no {column.of} that {', '.join(values.columns)} all have"
             yield Note(text, columns=(column,))
     # why none of the requested metrics scored a method that did restore
     if all(column.metric == FILLED for column in scores):
