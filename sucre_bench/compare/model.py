@@ -62,9 +62,6 @@ class Column:
     n_views: int
     n_scenes: int
 
-    missing: int
-    """Images or charts that some method lacks."""
-
     pixels: Literal["own", "common"] = "own"
     """It is "common" if methods fill different pixels, and the scores are on those that all of them fill."""
 
