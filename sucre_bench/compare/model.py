@@ -165,6 +165,8 @@ class Cell:
     """With a baseline, the score less that one's, paired."""
 
 
+NoteKind = Literal["", "trained on", "common pixels", "own pixels", "faults"]
+
 # Stands in the text of a note for the names of its metrics.
 METRICS = "{metrics}"
 
@@ -176,7 +178,7 @@ class Note:
     text: str
     """Its sentence, with `METRICS` for its columns. Of faults: what is wrong with the pictures of a method."""
 
-    kind: Literal["", "trained on", "common pixels", "own pixels", "faults"] = ""
+    kind: NoteKind = ""
 
     method: str = ""
     """The label of the method that has faults."""

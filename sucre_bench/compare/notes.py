@@ -13,7 +13,7 @@ from sucre_bench.compare.choose_rows import (
     options_of,
     scores_of_pixels,
 )
-from sucre_bench.compare.model import FILLED, METRICS, Column, Note, says_filled
+from sucre_bench.compare.model import FILLED, METRICS, Column, Note, NoteKind, says_filled
 from sucre_bench.compare.words import number
 from sucre_bench.machine.text_formats import first_few
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, filled_restorations
@@ -109,8 +109,8 @@ def notes(
     of_scores = lost[lost["_asked"] | (lost["metric"] == RESTORATION)]
     for name, of_method in of_scores.groupby("method", sort=False):
         if name not in scored:
-            reasons = dict.fromkeys(map(": ".join, values_of(of_method, "status", "reason")))
-            yield Note(f"{name} has no score ({first_few([*reasons], 3)})")
+            causes = dict.fromkeys(map(": ".join, values_of(of_method, "status", "reason")))
+            yield Note(f"{name} has no score ({first_few([*causes], 3)})")
 
 
 def _counted(reasons: Iterable[str]) -> str:
@@ -170,7 +170,7 @@ def pixel_notes(rows: DataFrame, columns: Sequence[Column]) -> Iterator[Note]:
     is_own = (is_differing & (scores["pixels"] == "own")) | (scores["pixels_reason"] != "")
     common = scores[(scores["pixels"] == "common") & ~none]
     share = number(100 * common.drop_duplicates(_VIEW)["pixels_share"].mean())
-    cases = [
+    cases: list[tuple[DataFrame, NoteKind, str]] = [
         (
             common,
             "common pixels",
