@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 @shared.option(
     "--format",
     "how",
-    of=("terminal", "md", "latex", "html", "csv", "json"),
+    of=("terminal", "md", "latex", "csv", "json"),
     help="Format of the tables. All but terminal have 95 % intervals; csv and json have every column.",
 )
 @shared.flag("--json", "as_json", help="The same as --format json.")

@@ -1,4 +1,4 @@
-"""A comparison for papers and programs: Markdown, LaTeX (booktabs), HTML, CSV, JSON."""
+"""A comparison for papers and programs: Markdown, LaTeX (booktabs), CSV, JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sucre_bench.compare.words import (
 from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import COSTS, csv_text
 
-Format = Literal["md", "latex", "html", "csv", "json"]
+Format = Literal["md", "latex", "csv", "json"]
 
 
 def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False) -> str:
@@ -150,14 +150,6 @@ def _markdown(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
     return head + text + "".join(f"\n{plain(note)}\n" for note in notes)
 
 
-def _html(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
-    table = _marked(cells, "<strong>{}</strong>", "<u>{}</u>", html.escape).style
-    if title:
-        table = table.set_caption(html.escape(title))
-    below = "".join(f"<p>{html.escape(note)}</p>\n" for note in notes)
-    return table.to_html(exclude_styles=True) + below
-
-
 _TEX = str.maketrans({
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": "$<$", ">": "$>$", "|": "$|$", '"': "''",
@@ -183,4 +175,4 @@ def _latex(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
     return head + tabular + "".join(below)
 
 
-_WRITERS = {"md": _markdown, "latex": _latex, "html": _html}
+_WRITERS = {"md": _markdown, "latex": _latex}

@@ -187,7 +187,7 @@ def test_evidence_leads_only_by_its_name_with_how_well_it_agrees_with_truth():
     against = printed(compared({"uiqm": values}, baseline="first")).text
     assert re.search(r"By uiqm, .*\b6 of 10 .*: second", against)
     (comparison,) = compared({"uiqm": values})
-    for text in (as_text([comparison], "md"), as_text([comparison], "html")):
+    for text in (as_text([comparison], "md"), as_text([comparison], "latex")):
         assert re.search(r"By uiqm, .*\b6 of 10 .*second leads first", text)
 
 
