@@ -161,27 +161,24 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) ->
     return pd.concat(tables, ignore_index=True) if tables else known
 
 
+_COLOURS = {"passed": "green", "unknown": "yellow", "failed": "red", "no score": "red"}
+
+
 def _say_gated(verdict: Gated, baseline: str) -> None:
     """Print what a gate says, on stderr: stdout has the tables."""
     from sucre_bench.compare.words import number, signed
 
-    column, (gain, low, high) = verdict.column, verdict.gain
-    unit = f" {column.unit}" if column.unit else ""
-    what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
-    # of a picture alone nobody knows which is better
-    up = "better" if column.ranked else column.better
-    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}"
-    limit = f"+ is {up}, limit {number(verdict.gate.limit)}"
-    if verdict.outcome == "failed":
-        views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)
-        say(f"FAILED   {what} {by}, {limit}; worst views: {views}", "red")
-    elif verdict.outcome == "no score":
-        say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
+    column = verdict.column
+    gain, low, high = map(signed, verdict.gain)
+    said = f"gain {gain} {column.unit} [{low}, {high}] over {baseline}, limit {number(verdict.gate.limit)}"
+    if verdict.outcome == "no score":
+        said = f"has no score on a view where {baseline} has one"
     elif verdict.outcome == "unknown":
-        say(
-            f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; so few views have no interval",
-            "yellow",
+        said += "; so few views have no interval"
+    elif verdict.worst:
+        said += "; worst views: " + ", ".join(
+            f"{name} {signed(g)}" for name, g in verdict.worst
         )
-    else:
-        chance = ", which may be chance" if gain < verdict.gate.limit else ""
-        say(f"passed   {what} {by}, {limit}{chance}", "green")
+    outcome = "FAILED" if verdict.fails else verdict.outcome
+    what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
+    say(f"{outcome:8} {what} {said}", _COLOURS[verdict.outcome])
