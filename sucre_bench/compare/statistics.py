@@ -62,7 +62,7 @@ from sucre_bench.compare.model import (
 _RESAMPLES = 5000
 _FEWEST = 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples
-_AT_ONCE = 500_000  # units drawn at a time
+_AT_ONCE = 500_000  # pairs of methods in resamples at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 # degrees of freedom of neighbours: with fewer, no lead is found however large it is
@@ -212,9 +212,8 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
 
     n = len(units.sizes)
     tails = (1 - _LEVEL) / 2
-    deviations = np.concatenate(
-        [counts @ units.residuals / views for counts, views in _resamples(units.sizes)]
-    )
+    counts = _resamples(n).astype(np.float64)
+    deviations = counts @ units.residuals / (counts @ units.sizes[:, None])
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     mean = units.sums.sum(axis=0) / units.sizes.sum()
@@ -264,49 +263,38 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
     """
     r = units.residuals
     s = units.sizes
-    n = len(units.sizes)
-    made = []
-    for counts, views in _resamples(s, _FEWEST):
-        deviation, mixed = counts @ r / views, counts @ (r * s[:, None])
-        greatest, step = np.zeros(len(counts)), max(1, _AT_ONCE // len(counts))
-        for start in range(0, len(i), step):
-            a, b = i[start : start + step], j[start : start + step]
-            d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
-            squares = (
-                counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
-            )
-            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
-            with np.errstate(divide="ignore", invalid="ignore"):
-                # the same unit drawn n times has no spread
-                t = np.where(
-                    error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf)
-                )
-            greatest = np.maximum(greatest, t.max(axis=1))
-        made.append(greatest)
-    return np.concatenate(made)
-
-
-def _resamples(sizes: Array, most: int = _RESAMPLES) -> Iterator[tuple[Array, Array]]:
-    """Yield how often each unit is drawn (B, S), and how many views that are (B, 1), some resamples at a time."""
-    draws = _draws(len(sizes))[:most]
-    step = max(1, _AT_ONCE // len(sizes))
-    for start in range(0, len(draws), step):
-        counts = draws[start : start + step].astype(np.float64)
-        yield counts, counts @ sizes[:, None]
+    n = len(s)
+    counts = _resamples(n)[:_FEWEST].astype(np.float64)
+    views = counts @ s[:, None]
+    squared_sizes = counts @ s[:, None] ** 2
+    deviation = counts @ r / views
+    mixed = counts @ (r * s[:, None])
+    greatest = np.zeros(len(counts))
+    step = max(1, _AT_ONCE // len(counts))
+    for start in range(0, len(i), step):
+        a = i[start : start + step]
+        b = j[start : start + step]
+        d = deviation[:, a] - deviation[:, b]
+        m = mixed[:, a] - mixed[:, b]
+        squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * squared_sizes
+        error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.abs(d) / error
+        # the same unit drawn n times has no spread
+        t[error <= _EXACT * np.abs(d)] = np.inf
+        t[d == 0] = 0
+        greatest = np.maximum(greatest, t.max(axis=1))
+    return greatest
 
 
 @functools.lru_cache(maxsize=2)
-def _draws(n: int) -> npt.NDArray[np.uint8]:
+def _resamples(n: int) -> npt.NDArray[np.uint8]:
     """How often each of n units is drawn, a line a resample: always the same, for all columns of as many units."""
     rng = np.random.default_rng(0)
-    resamples, step = min(_RESAMPLES, max(_FEWEST, _DRAWS // n)), max(1, _AT_ONCE // n)
+    resamples = min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
     draws = np.empty((resamples, n), dtype=np.uint8)
-    for start in range(0, resamples, step):
-        rows = min(step, resamples - start)
-        drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        draws[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(
-            rows, n
-        )
+    for row in draws:
+        row[:] = np.bincount(rng.integers(n, size=n), minlength=n)
     return draws
 
 
