@@ -103,17 +103,15 @@ def _say_differing(rows: DataFrame) -> None:
     of_score = twice.groupby(_NAMED)["value"]
     low, high = of_score.min(), of_score.max()
     differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
-    if not len(differing):
-        return
-    disagreeing = twice[twice.set_index(_NAMED).index.isin(differing)]
-    newest = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")
-    methods = (disagreeing["dataset"] + " / " + disagreeing["method"]).unique()
-    progress.say(
-        f"{', '.join(disagreeing['_folder'].unique())} share {len(of_score)} scores, and have different "
-        f"values of {len(differing)} of them ({', '.join(methods)}); "
-        f"the table shows the newest, from {', '.join(newest['_folder'].unique())}. "
-        "Run one with another label to see both"
-    )
+    if len(differing):
+        folders = ", ".join(twice["_folder"].unique())
+        methods = (twice["dataset"] + " / " + twice["method"])[
+            twice.set_index(_NAMED).index.isin(differing)
+        ].unique()
+        progress.say(
+            f"{folders} share {len(of_score)} scores, and have different values of {len(differing)} of them "
+            f"({', '.join(methods)}); the table shows the newest. Run one with another label to see both"
+        )
 
 
 class NotComparableError(LinesError, InputError):
