@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,8 +112,7 @@ def compare(
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     # the share that methods fill stands beside other scores alone
     if all(column.metric == FILLED for table in compared for column in table.columns):
-        lost = [replace(t, notes=tuple(n for n in t.notes if not n.kind)) for t in compared]
-        notes = "; ".join(f"{t.title}: {note}" for t in lost for note in left_out(t))
+        notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
         remedy = "mend that, and run again" if notes else "run methods into it first"
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []

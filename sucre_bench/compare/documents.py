@@ -144,10 +144,16 @@ def _markdown(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
 
     table = _marked(cells, "**{}**", "<u>{}</u>", plain)
     lines = [["method", *table.columns], ["---", *["---:"] * len(table.columns)]]
-    lines += [[name, *row] for name, row in zip(table.index, table.to_numpy(), strict=True)]
-    head = f"**{plain(title)}**\n\n" if title else ""
-    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    return head + text + "".join(f"\n{plain(note)}\n" for note in notes)
+    for name, row in zip(table.index, table.to_numpy(), strict=True):
+        lines.append([name, *row])
+    text = ""
+    if title:
+        text = f"**{plain(title)}**\n\n"
+    for line in lines:
+        text += f"| {' | '.join(line)} |\n"
+    for note in notes:
+        text += f"\n{plain(note)}\n"
+    return text
 
 
 _TEX = str.maketrans({
@@ -169,10 +175,13 @@ def _latex(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
     table = table.replace(r"[+-](?=\d|\.|inf)", r"$\g<0>$", regex=True)
     # after \\ and \midrule, brackets and stars are their options
     table.index = table.index.str.replace(r"^(?=[\[*(])", "{}", regex=True)
+    text = table.style.to_latex(hrules=True, column_format="l" + "r" * len(table.columns))
     # a comment ends with its line
-    head, *below = [f"% {' '.join(line.split())}\n" if line else "" for line in (title, *notes)]
-    tabular = table.style.to_latex(hrules=True, column_format="l" + "r" * len(table.columns))
-    return head + tabular + "".join(below)
+    if title:
+        text = f"% {' '.join(title.split())}\n{text}"
+    for note in notes:
+        text += f"% {' '.join(note.split())}\n"
+    return text
 
 
 _WRITERS = {"md": _markdown, "latex": _latex}

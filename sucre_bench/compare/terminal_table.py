@@ -133,9 +133,11 @@ def _texts(cells: Sequence[Shown]) -> list[Text]:
     widest = max(map(len, rests))
     lines = []
     for cell, rest in zip(cells, rests, strict=True):
-        value = f"{cell.mark} {cell.value}".lstrip()
-        padded = f" {rest:<{widest}}" if widest else ""
-        lines.append(Text.assemble((value, _STYLE.get(cell.look, "")), (padded, "dim")))
+        line = Text()
+        line.append(f"{cell.mark} {cell.value}".lstrip(), _STYLE.get(cell.look, ""))
+        if widest:
+            line.append(f" {rest:<{widest}}", "dim")
+        lines.append(line)
     return lines
 
 

@@ -138,12 +138,15 @@ def parts_of(comparison: Comparison, with_variants: bool) -> list[Part]:
     parts = []
     for column in comparison.columns:
         is_named = with_variants or _is_one_of_several(comparison, column)
-        below = [column.variant if is_named else "", column.unit]
-        head = f"{column.metric} {ARROW[column.better]}" if column.directed else column.metric
+        below = column.unit
+        if is_named:
+            below = f"{column.variant} {column.unit}".strip()
+        head = column.metric
         if column.is_share_filled:
             head = "filled"
-        head = f"{head}\n{' '.join(filter(None, below))}"
-        parts.append(Part(head, comparison, column))
+        elif column.directed:
+            head += f" {ARROW[column.better]}"
+        parts.append(Part(f"{head}\n{below}", comparison, column))
     return parts
 
 
@@ -300,16 +303,17 @@ def deciding(comparison: Comparison) -> Deciding:
 
 def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
     """Return the methods by their mean of a score, those without it behind them, photographs last; else as asked."""
+    means: dict[str, float] = {}
+    if main is not None:
+        for name, cell in comparison.of(main).items():
+            if not math.isnan(cell.mean):
+                means[name] = main.sign * cell.mean
+    apart = comparison.photographs if comparison.restorers else ()
 
-    def place(name: str) -> float:
-        cell = None if main is None else comparison.cells.get((name, main))
-        if main is None or cell is None:
-            return math.inf
-        return math.inf if math.isnan(cell.mean) else main.sign * cell.mean
+    def place(name: str) -> tuple[bool, float]:
+        return name in apart, means.get(name, math.inf)
 
-    photographs = comparison.photographs if comparison.restorers else ()
-    names = sorted(comparison.methods, key=place)
-    return tuple(sorted(names, key=photographs.__contains__))
+    return tuple(sorted(comparison.methods, key=place))
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
