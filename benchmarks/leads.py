@@ -4,8 +4,7 @@ Run: python benchmarks/leads.py --tables 400. A line has a case:
 
 - false: share of tables in which the best method differs by more than chance from one that is as good, by views taken
   as independent, and as a track, corrected for neighbours that are alike;
-- found: share of tables in which a true difference of 1.5 standard deviations is found, likewise;
-- one view: share of the found differences of a track that one view could undo.
+- found: share of tables in which a true difference of 1.5 standard deviations is found, likewise.
 
 Scores are normal. The number after "alike" is the correlation of neighbouring views. A method that fails gains 1.5
 standard deviations in nine of ten views, and loses as much in the tenth as makes it equal in the mean.
@@ -21,7 +20,7 @@ import argparse
 import numpy as np
 
 from sucre_bench.compare.model import FEWEST_FOR_LEAD
-from sucre_bench.compare.statistics import Units, leads, undone_by
+from sucre_bench.compare.statistics import Units, leads
 
 EFFECT = 1.5  # of the standard deviation of a paired difference
 FAILS = 0.1  # in which share of views a method fails
@@ -48,7 +47,7 @@ def case(
 ) -> None:
     """Print a line."""
     rng = np.random.default_rng(0)
-    false, found, fragile = np.zeros(2), np.zeros(2), 0
+    false, found = np.zeros(2), np.zeros(2)
     for _ in range(tables):
         equal = series(n, methods, alike, rng)
         if is_fragile:  # as good in the mean, by collapsing in few views
@@ -59,14 +58,8 @@ def case(
             false[k] += leader(equal, Units.of(equal, [n], in_order))[1].any()
             units = Units.of(better, [n], in_order)
             best, behind = leader(better, units)
-            is_found = best == 0 and behind[1:].any()
-            found[k] += is_found
-            fragile += bool(
-                k
-                and is_found
-                and undone_by(units, 0, int(np.flatnonzero(behind)[0])) is not None
-            )
-    shares = (*(false / tables), *(found / tables), fragile / max(found[1], 1))
+            found[k] += best == 0 and behind[1:].any()
+    shares = (*(false / tables), *(found / tables))
     print(
         f"{name:<36}{n:>4}{methods:>9}"
         + "".join(f"{share:>11.3f}" for share in shares)
@@ -94,7 +87,7 @@ if __name__ == "__main__":
     )
     parser.add_argument("--tables", type=int, default=400, help="simulated tables of a case")
     n_tables = parser.parse_args().tables
-    heads = ("false", "track", "found", "track", "one view")
+    heads = ("false", "track", "found", "track")
     print(f"{'case':<36}{'n':>4}{'methods':>9}" + "".join(f"{head:>11}" for head in heads))
     for alike in (0.0, 0.5, 0.8):
         for n in (4, 8, 20, 40):

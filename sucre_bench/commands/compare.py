@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,7 @@ from sucre_bench.machine.terminal import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sucre_bench.compare import Comparison, Gated
+    from sucre_bench.compare import Gated
 
 
 @click.command()
@@ -66,7 +64,7 @@ if TYPE_CHECKING:
 @shared.option(
     "--format",
     "how",
-    of=("terminal", "md", "latex", "html", "csv", "json"),
+    of=("terminal", "md", "latex", "csv", "json"),
     help="Format of the tables. All but terminal have 95 % intervals; csv and json have every column.",
 )
 @shared.flag("--json", "as_json", help="The same as --format json.")
@@ -114,8 +112,7 @@ def compare(
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     # the share that methods fill stands beside other scores alone
     if all(column.metric == FILLED for table in compared for column in table.columns):
-        lost = [replace(t, notes=tuple(n for n in t.notes if not n.kind)) for t in compared]
-        notes = "; ".join(f"{t.title}: {note}" for t in lost for note in left_out(t))
+        notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
         remedy = "mend that, and run again" if notes else "run methods into it first"
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
@@ -127,15 +124,11 @@ def compare(
         if how not in ("csv", "json") and not all_columns:
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
-    elif intervals or all_metrics or spread:
-        _print_in_full(compared, all_columns, spread, intervals)
     else:
-        for block in as_blocks(compared, terminal.out.width, bool(metrics)):
+        width = terminal.out.width
+        for block in as_blocks(compared, width, all_columns, intervals, spread):
             terminal.out.print(block)
             click.echo()
-        click.echo(
-            f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}"
-        )
     if any(note.kind == "trained on" for table in compared for note in table.notes):
         from sucre_bench.engine.training_pictures import seen_in_training
 
@@ -145,19 +138,6 @@ def compare(
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)
-
-
-def _print_in_full(
-    compared: Sequence[Comparison], all_columns: bool, spread: bool, intervals: bool
-) -> None:
-    """Print tables with all their columns, or those that decide, and what else was asked for."""
-    from sucre_bench.compare.terminal_table import as_table
-    from sucre_bench.compare.words import deciding
-
-    for table in compared:
-        columns = table.columns if all_columns else deciding(table).columns
-        shown = replace(table, columns=columns)
-        terminal.out.print(as_table(shown, terminal.out.width, spread, intervals))
 
 
 def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
@@ -179,30 +159,24 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame, known: pd.DataFrame) ->
     return pd.concat(tables, ignore_index=True) if tables else known
 
 
+_COLOURS = {"passed": "green", "unknown": "yellow", "failed": "red", "no score": "red"}
+
+
 def _say_gated(verdict: Gated, baseline: str) -> None:
     """Print what a gate says, on stderr: stdout has the tables."""
     from sucre_bench.compare.words import number, signed
 
-    column, (gain, low, high) = verdict.column, verdict.gain
-    unit = f" {column.unit}" if column.unit else ""
-    what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
-    # of a picture alone nobody knows which is better
-    up = "better" if column.ranked else column.better
-    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}"
-    limit = f"+ is {up}, limit {number(verdict.gate.limit)}"
-    if verdict.outcome == "failed":
-        views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)
-        say(f"FAILED   {what} {by}, {limit}; worst views: {views}", "red")
-    elif verdict.outcome == "no score":
-        say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
+    column = verdict.column
+    gain, low, high = map(signed, verdict.gain)
+    said = f"gain {gain} {column.unit} [{low}, {high}] over {baseline}, limit {number(verdict.gate.limit)}"
+    if verdict.outcome == "no score":
+        said = f"has no score on a view where {baseline} has one"
     elif verdict.outcome == "unknown":
-        lacks = "one view has" if column.n_views == 1 else "these scores have"
-        if column.worth == 0:
-            lacks = "fewer than 5 views of a track have"
-        say(
-            f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval",
-            "yellow",
+        said += "; so few views have no interval"
+    elif verdict.worst:
+        said += "; worst views: " + ", ".join(
+            f"{name} {signed(g)}" for name, g in verdict.worst
         )
-    else:
-        chance = ", which may be chance" if gain < verdict.gate.limit else ""
-        say(f"passed   {what} {by}, {limit}{chance}", "green")
+    outcome = "FAILED" if verdict.fails else verdict.outcome
+    what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
+    say(f"{outcome:8} {what} {said}", _COLOURS[verdict.outcome])

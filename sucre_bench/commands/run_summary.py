@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shlex
 from collections.abc import Iterator, Sequence
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from sucre_bench.compare import Comparison
     from sucre_bench.engine.run import Fault
     from sucre_bench.jobs.job import Job
-
-_EVERYTHING = ("--intervals", "--all-metrics")
 
 
 def compared(outcome: Outcome) -> list[Comparison]:
@@ -85,13 +82,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         for block in as_blocks(shown, terminal.out.width, bool(named)):
             terminal.out.print(block)
             click.echo()
-        against = (
-            ("--baseline", comparisons[0].baseline)
-            if comparisons and comparisons[0].baseline
-            else ()
-        )
-        words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
-        click.echo(f"more: {shlex.join(words)}")
+        words = shlex.join(["sucre-bench", "compare", str(outcome.out)])
+        click.echo(f"more: {words} --intervals --all-metrics")
     for hint in outcome.hints:
         terminal.show(
             f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}",
@@ -123,11 +115,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     click.echo(f"results  {outcome.out}")
     for note in notes:
         terminal.show(note, style="yellow")
-    for folder, paths in itertools.groupby(study, lambda path: path.parent):
-        first, *others = paths
-        click.echo(
-            f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}"
-        )
+    for folder in dict.fromkeys(path.parent for path in study):
+        click.echo(f"{folder.name:9}{folder}{os.sep}")
     if page is not None:
         click.echo(f"page     {page}")
 

@@ -7,20 +7,19 @@ ones.
 
 import json
 import math
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, LinesError, did_you_mean
 from sucre_bench.machine import progress
+from sucre_bench.machine.text_formats import first_few
 from sucre_bench.plugins.plugin import Fault, Plugin
 from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.common_scores import (
@@ -35,7 +34,6 @@ from sucre_bench.results.rows import (
     COMMON,
     COSTS,
     KEYS,
-    RowCode,
     code_parts,
     restorations,
     tuples,
@@ -105,26 +103,15 @@ def _say_differing(rows: DataFrame) -> None:
     of_score = twice.groupby(_NAMED)["value"]
     low, high = of_score.min(), of_score.max()
     differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
-    if not len(differing):
-        return
-    disagreeing = twice[twice.set_index(_NAMED).index.isin(differing)]
-    newest = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")
-    methods = (disagreeing["dataset"] + " / " + disagreeing["method"]).unique()
-    progress.say(
-        f"{names_of(disagreeing['_folder'].unique())} share {len(of_score)} scores, and have different "
-        f"values of {len(differing)} of them ({listed(methods)}); "
-        f"the table shows the newest, from {names_of(newest['_folder'].unique())}. "
-        "Run one with another label to see both"
-    )
-
-
-def names_of(names: Iterable[str]) -> str:
-    """Return names as words: "a, b and c"."""
-    *others, last = names
-    return f"{', '.join(others)} and {last}" if others else last
-
-
-T = TypeVar("T")
+    if len(differing):
+        folders = ", ".join(twice["_folder"].unique())
+        methods = (twice["dataset"] + " / " + twice["method"])[
+            twice.set_index(_NAMED).index.isin(differing)
+        ].unique()
+        progress.say(
+            f"{folders} share {len(of_score)} scores, and have different values of {len(differing)} of them "
+            f"({', '.join(methods)}); the table shows the newest. Run one with another label to see both"
+        )
 
 
 class NotComparableError(LinesError, InputError):
@@ -164,7 +151,7 @@ def _test_sets(rows: DataFrame) -> Iterator[str]:
     sets = sorted({*scenes} & named_sets().keys())
     if len(sets) > 1:
         remedy = "run each again with a dataset.label of its own, or compare folders of one set"
-        yield f"rows are of the test sets {names_of(sets)}; {remedy}"
+        yield f"rows are of the test sets {', '.join(sets)}; {remedy}"
 
 
 def without_replicates(rows: DataFrame) -> DataFrame:
@@ -179,56 +166,33 @@ def without_replicates(rows: DataFrame) -> DataFrame:
 def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = rows.loc[rows["view"] == "", "method"]
-    per_view = rows.loc[
-        ~rows["method"].isin(whole), ["method", "scene", "view"]
-    ].drop_duplicates()
-    if (per_view.groupby(["scene", "view"]).size() == per_view["method"].nunique()).all():
-        return
-    per_view = without_replicates(per_view)
-    # (scene, view, replicate) x methods
-    ran = per_view.groupby(["scene", "view", "_replicate", "method"]).size().unstack().notna()
-    ran = ran[per_view["method"].unique()]
-    shared = ran[ran.all(axis=1)].droplevel("_replicate").index.unique()
-    if len(shared) and common:
-        return
-    share = ", for they share none"
-    if len(shared):
-        share = f", or --common compares them on the {len(shared)} images they share"
-    plain = ran.groupby(level=["scene", "view"]).any()
-    if not plain.all(axis=None):
-        counts = _alike({str(name): tuple(plain.index[has]) for name, has in plain.items()})
-        words = ", ".join(
-            f"{names_of(names)} on {len(views)}" for views, names in counts.items()
-        )
-        lacking = plain.columns[~plain.all()][0]
-        scene, view = plain.index[~plain[lacking]][0]
-        example = (
-            f"{scene}/{view}" if plain.index.get_level_values("scene").nunique() > 1 else view
-        )
-        why = f"{words} ({lacking} not on {example}); run them on the same ones{share}"
-        yield f"methods ran on different images: {why}"
-        return
-    scene, view, _ = ran.index[~ran.all(axis=1)][0]
-    replicates = {
-        str(name): tuple(has.index[has]) for name, has in ran.loc[scene, view].items()
-    }
-    have = (
-        f"{names_of(names)} {', '.join(map(str, numbers))}"
-        for numbers, names in _alike(replicates).items()
+    per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]]
+    # (scene, view) x methods
+    ran = (
+        per_view.drop_duplicates().groupby(["scene", "view", "method"]).size().unstack().notna()
     )
-    why = f"{'; '.join(have)}; run the same ones{share}"
-    yield f"methods ran on different replicates of {scene}/{view}: {why}"
+    n_shared = int(ran.all(axis=1).sum())
+    if n_shared == len(ran) or (common and n_shared):
+        return
+    counts = ", ".join(f"{name} on {n}" for name, n in ran.sum().items())
+    lacking = ran.columns[~ran.all()][0]
+    example = "/".join(ran.index[~ran[lacking]][0])
+    share = "for they share none"
+    if n_shared:
+        share = f"or --common compares them on the {n_shared} images they share"
+    why = f"{counts} ({lacking} not on {example}); run them on the same ones, {share}"
+    yield f"methods ran on different images: {why}"
 
 
 def _variants(rows: DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
-        variants = of_metric.groupby("method", sort=False)["variant"].agg(frozenset).to_dict()
-        for (first, names), (second, others) in combinations(_alike(variants).items(), 2):
-            if not first & second:
+        variants = of_metric.groupby("method", sort=False)["variant"].agg(set)
+        for (first, one), (second, other) in combinations(variants.items(), 2):
+            if not one & other:
                 yield (
-                    f"{metric}: {names_of(names)} scored in variant {names_of(sorted(first))}, {names_of(others)} in "
-                    f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]"
+                    f"{metric}: {first} scored in variant {', '.join(sorted(one))}, {second} in "
+                    f"{', '.join(sorted(other))}; score all in one, metrics.{metric}.variants=[{min(one)}]"
                 )
                 break
 
@@ -238,18 +202,14 @@ def _versions(rows: DataFrame) -> Iterator[str]:
     rows = rows.assign(_made_by=code_parts(rows["code"])["metric"])
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
         made_by = of_variant["_made_by"]
-        last = made_by[of_variant["time"].sort_values().index[-1]]
-        if (made_by == last).all():
-            continue
-        older = made_by[made_by != last].iloc[0]
-        old = names_of(of_variant["method"][made_by == older].unique())
-        new = names_of(of_variant["method"][made_by == last].unique())
-        sources = {RowCode("", code).metric_source for code in (older, last)}
-        differing = "versions" if len(sources) > 1 else "options"
-        yield (
-            f"{metric} ({variant}): {old} scored by other {differing} of the metric than "
-            f"{new}; give the run command of {old} again, what is out of date is done anew"
-        )
+        is_new = made_by == made_by[of_variant["time"].sort_values().index[-1]]
+        if not is_new.all():
+            old = ", ".join(of_variant["method"][~is_new].unique())
+            new = ", ".join(of_variant["method"][is_new].unique())
+            yield (
+                f"{metric} ({variant}): {old} scored by another version or other options of the metric than "
+                f"{new}; give the run command of {old} again, what is out of date is done anew"
+            )
 
 
 def mixed_codes(rows: DataFrame) -> Iterator[str]:
@@ -264,7 +224,7 @@ def mixed_codes(rows: DataFrame) -> Iterator[str]:
         older = of_method["view"][of_method["_made_by"] != last["_made_by"]].unique()
         if len(older):
             yield (
-                f"{method}: {listed(older)} restored by another version of its code than "
+                f"{method}: {first_few(older, 4)} restored by another version of its code than "
                 f"{last['view']}; give their run command again, what is out of date is done anew"
             )
 
@@ -292,14 +252,6 @@ def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
     return {
         name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")
     }
-
-
-def _alike(values: Mapping[Any, T]) -> dict[T, list[str]]:
-    """Return the methods with equal values, by value."""
-    alike = defaultdict[T, list[str]](list)
-    for name, value in values.items():
-        alike[value].append(str(name))
-    return alike
 
 
 def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:

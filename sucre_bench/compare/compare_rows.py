@@ -16,15 +16,12 @@ from sucre_bench.compare.choose_rows import (
     Pixels,
     asked_for,
     leaves_holes,
-    metrics_in,
-    metrics_of_faults,
     without_replicates,
 )
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note
 from sucre_bench.compare.notes import (
     REPETITION,
     About,
-    Restored,
     about,
     fault_notes,
     filled_rows,
@@ -32,10 +29,8 @@ from sucre_bench.compare.notes import (
     pixel_notes,
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
-from sucre_bench.compare.words import listed
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import natural_order
-from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
 
@@ -62,31 +57,22 @@ def compare(
     """
     rows = rows.assign(_asked=asked_for(rows, metrics), _fresh=is_fresh(rows))
     known = {dataset: about(each) for dataset, each in rows.groupby("dataset")}
-    rows = rows.drop(columns=_UNUSED, errors="ignore")
     # datasets, methods and metrics as they were run
-    rows = rows.sort_values("time", kind="stable")
+    rows = rows.drop(columns=_UNUSED, errors="ignore").sort_values("time", kind="stable")
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(
             f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}"
         )
-    older = dict.fromkeys(
-        values_of(rows[~rows["_fresh"]], "dataset", "method", "scene", "view")
-    )
-    rows = rows[rows["_fresh"]].drop(columns=["data_id", "time", "_fresh"])
-    newer = set(values_of(rows, "dataset", "method"))
-    rows = without_replicates(rows)
+    older = rows[~rows["_fresh"]]
+    rows = without_replicates(rows[rows["_fresh"]])
     if "pixels" not in rows:
         rows = rows.assign(**OWN_PIXELS)
     groups = ["dataset"]
     if by != "method":
-        rows = rows[rows["view"] != ""]
+        rows = rows[(rows["view"] != "") & ~rows["region"].str.contains("/", regex=False)]
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
-    faulty = rows[rows["metric"].isin(metrics_of_faults(rows))].groupby(groups, sort=False)
-    faults = {key: [*fault_notes(each)] for key, each in faulty}
-    # names of faults; and patches, which are inside their charts' scores
-    rows = rows[~rows["region"].str.contains("/", regex=False)]
     measured = _by_table(rows, groups)
     tables = []
     for key, of_table in rows.groupby(groups, sort=False):
@@ -94,34 +80,22 @@ def compare(
             of_table = _with_reasons(
                 of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)]
             )
-        if of_table["_asked"].any():
-            methods = sorted(of_table["method"].unique(), key=order.index)
-            title = " · ".join(map(str, key))
-            stale = dict.fromkeys(
-                (name, (scene, view)) for of, name, scene, view in older if of == key[0]
-            )
-            table = _table(
-                title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale
-            )
-            only_older = dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
-            noted = faults.get(key, [])
-            if only_older:
-                noted.append(
-                    Note(f"left out, because they ran on other data: {listed(only_older)}")
-                )
-            scored = {name for one in table.columns for name in (one.metric, one.key)}
-            noted += (
-                Note(f"{name} has no score")
-                for name in metrics
-                if scored and name not in scored
-            )
-            if table.unknown:
-                noted.append(
-                    Note(
-                        f"{listed(table.unknown)}: not registered here, so nobody wins by it; add --plugin FILE"
-                    )
-                )
-            tables.append(replace(table, notes=(*table.notes, *noted)))
+        if not of_table["_asked"].any():
+            continue
+        methods = sorted(of_table["method"].unique(), key=order.index)
+        of_dataset = older[older["dataset"] == key[0]]
+        table = _table(of_table, methods, known[key[0]], measured.get(key, []), of_dataset)
+        table = replace(table, title=" · ".join(map(str, key)))
+        scored = {name for one in table.columns for name in (one.metric, one.key)}
+        if scored:
+            lacking = [Note(f"{name} has no score") for name in metrics if name not in scored]
+            table = replace(table, notes=(*table.notes, *lacking))
+        if baseline in methods:
+            table = against(table, baseline)
+        elif baseline:
+            text = f"{baseline} was not run here: there is nothing to compare with"
+            table = replace(table, notes=(Note(text), *table.notes))
+        tables.append(table)
     filled = [table for table in tables if table.columns]
     return filled if by != "method" and filled else tables  # of a region that some views lack
 
@@ -137,7 +111,10 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
         if name in methods or not methods or name == baseline
     )
     cells: dict[tuple[str, Column], Cell] = {}
-    for column, measured in comparison.measured.items():
+    for column in comparison.columns:
+        measured = comparison.measured.get(column)
+        if measured is None:
+            continue
         scores = measured.of([m for m, name in enumerate(measured.methods) if name in methods])
         made = [comparison.cells[name, column] for name in scores.methods]
         if baseline in scores.methods:
@@ -174,37 +151,34 @@ def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
 
 
 def _table(
-    title: str,
     rows: DataFrame,
     methods: list[str],
-    baseline: str,
     known: About,
     found: list[_Measured],
-    stale: Collection[Restored],
+    older: DataFrame,
 ) -> Comparison:
-    skipped = rows[rows["status"] == "skipped"]
-    lacking = skipped[Reason.among(skipped["reason"], Reason.LACK)]
-    needs = {need for plugin in metrics_in(lacking).values() for need in plugin.needs}
-    has_holes = leaves_holes(rows)  # else all methods fill the same pixels
-    if has_holes and len(filled := filled_rows(rows)):
-        found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
-    made: dict[Column, DataFrame] = {}
-    repetitions: dict[Column, DataFrame] = {}
+    """One table. found: its columns; older: rows of the dataset on older data."""
+    noted = list[Note]()
+    if leaves_holes(rows):  # else all methods fill the same pixels
+        filled = filled_rows(rows).assign(_one=0, _asked=True)
+        found = [*_by_table(filled, ["_one"]).get((0,), ()), *found]
+        noted += pixel_notes(rows, [column for column, *_ in found])
+    photographs = tuple(name for name in methods if name in known.photographs)
     measured: dict[Column, ColumnScores] = {}
-    for column, repeated, values in found:
+    cells: dict[tuple[str, Column], Cell] = {}
+    for column, _, values in found:
         if column.n_scored:
-            scores = _scores(
-                column, values.dropna() if column.missing else values, known.is_track
-            )
-            units = scores.independent
-            if units and (units.alike > 0 or units.is_short_track):
-                column = replace(column, worth=units.worth)
+            scores = _scores(column, values.dropna(), known.is_track)
+            holes = values.isna().to_numpy().sum(axis=0)
+            of_column = statistics.cells(column, scores, holes, photographs)
             measured[column] = scores
-        made[column] = values
-        repetitions[column] = repeated
+            cells |= {
+                (name, column): cell
+                for name, cell in zip(scores.methods, of_column, strict=True)
+            }
     # The share that methods fill comes first; what describes, costs and taste come last; else as they were run.
     columns = sorted(
-        made,
+        (column for column, *_ in found),
         key=lambda column: (
             not column.is_share_filled,
             column.knows == "taste",
@@ -212,30 +186,24 @@ def _table(
             column.metric in COSTS,
         ),
     )
-    noted = [*pixel_notes(rows, columns)] if has_holes else []
-    noted += notes(rows, made, repetitions, methods, stale)
-    if baseline and baseline not in methods:
-        noted.append(Note(f"{baseline} was not run here: there is nothing to compare with"))
-        baseline = ""
-    photographs = tuple(name for name in methods if name in known.photographs)
-    cells = dict[tuple[str, Column], Cell]()
-    for column, scores in measured.items():
-        holes = made[column].isna().to_numpy().sum(axis=0)
-        of_column = statistics.cells(column, scores, holes, photographs)
-        cells |= {
-            (name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)
-        }
-    table = Comparison(
-        title,
+    noted += notes(rows, {column: repeated for column, repeated, _ in found}, older)
+    left = [name for name in older["method"].unique() if name not in methods]
+    if left:
+        noted.append(Note(f"left out, because they ran on other data: {', '.join(left)}"))
+    noted += [
+        Note(f"{column.metric}: not registered here, so nobody wins by it; add --plugin FILE")
+        for column in columns
+        if column.is_unknown
+    ]
+    return Comparison(
+        "",
         tuple(methods),
         tuple(columns),
         cells,
-        notes=(*noted, *known.notes),
+        notes=(*noted, *known.notes, *fault_notes(rows)),
         measured=measured,
         photographs=photographs,
-        lacks_truth=needs >= {"reference", "charts"},
     )
-    return against(table, baseline) if baseline else table
 
 
 def _by_table(
@@ -247,6 +215,8 @@ def _by_table(
     NaN for a hole.
     """
     ok = rows[rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
+    # names of faults; and patches, which are inside their charts' scores
+    ok = ok[~ok["region"].str.contains("/", regex=False)]
     if ok.empty:
         return {}
     of_column = [*groups, *_COLUMN]
@@ -309,7 +279,6 @@ def _column(
         n_scored=len(left),
         n_views=len({(scene, view) for scene, view, _ in left}),
         n_scenes=len({scene for scene, *_ in left}),
-        missing=len(units) - len(left),
         pixels=pixels,
         knows=knows,
     )

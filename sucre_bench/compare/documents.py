@@ -1,41 +1,30 @@
-"""A comparison for papers and programs: Markdown, LaTeX (booktabs), HTML, CSV, JSON."""
+"""A comparison for papers and programs: Markdown, LaTeX (booktabs), CSV, JSON."""
 
 from __future__ import annotations
 
 import html
 import math
 import re
-import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import COSTS, Cell, Column, Comparison
-from sucre_bench.compare.model import Difference
-from sucre_bench.compare.terminal_table import blocks
+from sucre_bench.compare.model import Cell, Column, Comparison, Difference
 from sucre_bench.compare.words import (
+    Part,
     Shown,
-    ShownColumn,
     answer,
-    deciding,
-    faults,
     left_out,
     legend,
-    name_in,
-    notes_once,
-    over_views,
-    shown,
-    shown_column,
-    signs,
+    parts_of,
+    shown_table,
     title,
 )
 from sucre_bench.machine.text_formats import json_text
-from sucre_bench.results.rows import csv_text
+from sucre_bench.results.rows import COSTS, csv_text
 
-_PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points
-
-Format = Literal["md", "latex", "html", "csv", "json"]
+Format = Literal["md", "latex", "csv", "json"]
 
 
 def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False) -> str:
@@ -51,13 +40,11 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
 
         return csv_text(pd.DataFrame(records), for_spreadsheets=True)
     made = []
-    for one in notes_once(comparisons):
-        columns = [
-            shown_column(one, column, f"{title(column)} ({column.variant})", spread=spread)
-            for column in one.columns
-        ]
+    for one in comparisons:
+        cells = shown_table(one.methods, parts_of(one, with_variants=True), spread)
         head = one.title if len(comparisons) > 1 else ""
-        made.append(_WRITERS[how](head, one.methods, columns, _below(one, spread)))
+        below = [*answer(one), legend(one, spread), *left_out(one)]
+        made.append(_WRITERS[how](head, cells, below))
     return "\n".join(made)
 
 
@@ -69,23 +56,16 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
     made = []
     for title_of, levels in tables.items():
         first = levels[0].comparison
-        lines = [*levels[0].lines]
         for column in first.columns:
-            columns = [
-                ShownColumn(
-                    level.name,
-                    [shown(level.comparison, level.lines[name], column) for name in lines],
-                )
-                for level in levels
+            parts = [
+                Part(level.name, level.comparison, column, level.lines) for level in levels
             ]
-            cells = [cell for one in columns for cell in one.cells]
-            of = "mean [95 % interval]" if any(cell.interval for cell in cells) else "mean"
-            below = "; ".join([of, *over_views([column]), *signs(first, cells)])
+            cells = shown_table([*levels[0].lines], parts)
             head = f"{title_of}: {title(column)} ({column.variant})"
-            made.append(_WRITERS[how](head, lines, columns, [below]))
-        notes = left_out(first)
-        if notes and how == "md":
-            made.append("\n".join(f"{note}\n" for note in notes))
+            below = [legend(first.with_columns([column]))]
+            if column == first.columns[-1]:
+                below += left_out(first)
+            made.append(_WRITERS[how](head, cells, below))
     return "\n".join(made)
 
 
@@ -140,141 +120,68 @@ def ends_of(name: str, difference: Difference) -> dict[str, float]:
     return dict(zip((name, f"{name}_low", f"{name}_high"), difference, strict=True))
 
 
-def _differs(cell: Cell) -> bool:
-    """Whether scores differ from the baseline's: equal ones have no effect."""
-    return cell.change[0] != 0 or math.isfinite(cell.effect)
-
-
-def _below(comparison: Comparison, spread: bool) -> list[str]:
-    """The notes below a table; with a baseline, also in how many views each method beats it, and the effect."""
-    knows = deciding(comparison, every=True).knows_colours
-    lines = faults(comparison) if knows else answer(comparison, deciding(comparison))
-    lines.append(legend(comparison, spread))
-    for name in comparison.methods if comparison.baseline else ():
-        parts = [
-            f"{name_in(comparison, c)} "
-            + (f"{round(cell.wins, 1):g}/{c.n_views}" if _differs(cell) else "equal")
-            + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
-            for c in comparison.columns
-            if c.ranked
-            and (cell := comparison.cells.get((name, c)))
-            and math.isfinite(cell.wins)
-        ]
-        if parts:
-            lines.append(
-                f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}"
-            )
-    return lines + left_out(comparison)
-
-
-# How each format sets a cell apart.
-_MARKS = {
-    "md": {"best": "**{}**", "second": "<u>{}</u>"},
-    "html": {"best": "<strong>{}</strong>", "second": "<u>{}</u>"},
-    "latex": {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}"},
-}
-
-
 def _marked(
-    methods: Sequence[str],
-    columns: Sequence[ShownColumn],
-    how: str,
+    cells: DataFrame,
+    best: str,
+    second: str,
     escaped: Callable[[str], str],
-    number: Callable[[str], str] | None = None,
 ) -> DataFrame:
-    """The cells of a table as a format has them, a line a method, whose name is the index.
-
-    number: makes text of a number and its interval, as `escaped` by default.
-    """
-    import pandas as pd
+    """The cells of a table as text. best, second: what stands around such a cell; escaped: of names and numbers."""
+    marks = {"best": best, "better": best, "second": second}
 
     def marked(cell: Shown) -> str:
-        look = "best" if cell.look == "better" else cell.look
-        return _MARKS[how].get(look, "{}").format((number or escaped)(str(cell)))
+        return marks.get(cell.look, "{}").format(escaped(str(cell)))
 
-    texts = {n: [marked(cell) for cell in column.cells] for n, column in enumerate(columns)}
-    table = pd.DataFrame(texts, index=[escaped(name) for name in methods])
-    heads = pd.Index([escaped(column.head) for column in columns], name="method")
-    return table.set_axis(heads, axis="columns")
+    heads = [escaped(head.replace("\n", " ")) for head in cells.columns]
+    table = cells.map(marked).set_axis(heads, axis="columns")
+    return table.set_axis([escaped(name) for name in cells.index]).rename_axis("method", axis=1)
 
 
-def _markdown(
-    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
-) -> str:
+def _markdown(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
     def plain(text: str) -> str:
         # a label is no markup
-        return re.sub(r"([*`\[\]\\|])", r"\\\1", html.escape(text, quote=False))
+        return re.sub(r"([*`\\|])", r"\\\1", html.escape(text, quote=False))
 
-    cells = _marked(methods, columns, "md", plain, number=str)
-    lines = [[cells.columns.name, *cells.columns], ["---", *["---:"] * len(cells.columns)]]
-    lines += [[name, *row] for name, row in zip(cells.index, cells.to_numpy(), strict=True)]
-    head = f"**{plain(title)}**\n\n" if title else ""
-    table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    return head + table + "".join(f"\n{plain(note)}\n" for note in notes)
-
-
-def _html(
-    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
-) -> str:
-    table = _marked(methods, columns, "html", html.escape).style
+    table = _marked(cells, "**{}**", "<u>{}</u>", plain)
+    lines = [["method", *table.columns], ["---", *["---:"] * len(table.columns)]]
+    for name, row in zip(table.index, table.to_numpy(), strict=True):
+        lines.append([name, *row])
+    text = ""
     if title:
-        table = table.set_caption(html.escape(title))
-    below = "".join(f"<p>{html.escape(note)}</p>\n" for note in notes)
-    return table.to_html(exclude_styles=True) + below
+        text = f"**{plain(title)}**\n\n"
+    for line in lines:
+        text += f"| {' | '.join(line)} |\n"
+    for note in notes:
+        text += f"\n{plain(note)}\n"
+    return text
 
 
-# -- LaTeX -------------------------------------------------------------------------------------------------
-
-
-def _latex(
-    title: str, methods: Sequence[str], columns: Sequence[ShownColumn], notes: Sequence[str]
-) -> str:
-    widths = [max(len(str(text)) for text in (one.head, *one.cells)) for one in columns]
-    room = _PAGE - max(len(name) for name in ("method", *methods))
-    cells = _marked(methods, columns, "latex", _tex)
-    # signs of numbers as mathematics has them
-    cells = cells.replace(r"[+-](?=\d|\.|inf)", r"$\g<0>$", regex=True)
-    # after \\ and \midrule, brackets and stars are their options
-    cells.index = cells.index.str.replace(r"^(?=[\[*(])", "{}", regex=True)
-    parts = [cells.iloc[:, places] for places in blocks(widths, room) or [slice(0)]]
-    tabulars = [
-        part.style.to_latex(hrules=True, column_format="l" + "r" * len(part.columns))
-        for part in parts
-    ]
-    # a comment ends with its line
-    head, *below = [f"% {' '.join(line.split())}\n" if line else "" for line in (title, *notes)]
-    return head + "\n\\medskip\n".join(tabulars) + "".join(below)
-
-
-_WRITERS = {"md": _markdown, "latex": _latex, "html": _html}
-
-
-_TEX = {
+_TEX = str.maketrans({
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": "$<$", ">": "$>$", "|": "$|$", '"': "''",
     "↑": r"$\uparrow$", "↓": r"$\downarrow$", "≈": r"$\approx$", "±": r"$\pm$", "○": r"$\circ$", "·": r"$\cdot$",
-    "×": r"$\times$", "°": r"$^\circ$", "µ": r"$\mu$", "Δ": r"$\Delta$", "α": r"$\alpha$", "β": r"$\beta$",
-    "γ": r"$\gamma$", "ψ": r"$\psi$", **{sign: "\\" + sign for sign in "_%&#${}"},
-}  # fmt: skip
+    **{sign: "\\" + sign for sign in "_%&#${}"},
+})  # fmt: skip
 
 
-# Below U+0180, what LaTeX's first font encoding (OT1, that of a document which asks for none) stops at.
-_NOT_IN_OT1 = "«»ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ"
+def _latex(title: str, cells: DataFrame, notes: Sequence[str]) -> str:
+    table = _marked(
+        cells,
+        r"\textbf{{{}}}",
+        r"\underline{{{}}}",
+        lambda text: " ".join(text.split()).translate(_TEX),
+    )
+    # signs of numbers as mathematics has them
+    table = table.replace(r"[+-](?=\d|\.|inf)", r"$\g<0>$", regex=True)
+    # after \\ and \midrule, brackets and stars are their options
+    table.index = table.index.str.replace(r"^(?=[\[*(])", "{}", regex=True)
+    text = table.style.to_latex(hrules=True, column_format="l" + "r" * len(table.columns))
+    # a comment ends with its line
+    if title:
+        text = f"% {' '.join(title.split())}\n{text}"
+    for note in notes:
+        text += f"% {' '.join(note.split())}\n"
+    return text
 
 
-def _tex(text: str) -> str:
-    """Escape text for LaTeX. A letter that its fonts lack loses its accent, or becomes a question mark."""
-
-    def escaped(sign: str) -> str:
-        if sign in _TEX or (
-            ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1
-        ):
-            return _TEX.get(sign, sign)
-        plain = "".join(
-            part
-            for part in unicodedata.normalize("NFKD", sign)
-            if not unicodedata.combining(part)
-        )
-        return plain if plain.isascii() and plain.isprintable() else "?"
-
-    return "".join(escaped(sign) for sign in " ".join(text.split()))
+_WRITERS = {"md": _markdown, "latex": _latex}

@@ -62,18 +62,11 @@ class Column:
     n_views: int
     n_scenes: int
 
-    missing: int
-    """Images or charts that some method lacks."""
-
     pixels: Literal["own", "common"] = "own"
     """It is "common" if methods fill different pixels, and the scores are on those that all of them fill."""
 
     knows: Knows = "truth"
     """What the score knows of the true colours."""
-
-    worth: float = math.inf
-    """How many independent views the differences are worth: less than n_views where neighbours are alike, 0 for a
-    track of too few views to know."""
 
     @property
     def plugin(self) -> Plugin | None:
@@ -172,6 +165,8 @@ class Cell:
     """With a baseline, the score less that one's, paired."""
 
 
+NoteKind = Literal["", "trained on", "common pixels", "own pixels", "faults"]
+
 # Stands in the text of a note for the names of its metrics.
 METRICS = "{metrics}"
 
@@ -183,7 +178,7 @@ class Note:
     text: str
     """Its sentence, with `METRICS` for its columns. Of faults: what is wrong with the pictures of a method."""
 
-    kind: Literal["", "by us", "trained on", "common pixels", "own pixels", "faults"] = ""
+    kind: NoteKind = ""
 
     method: str = ""
     """The label of the method that has faults."""
@@ -209,14 +204,10 @@ class Verdict:
     wins: float
     """In how many views the leader is the best, or beats the baseline."""
 
-    effect: float
-    """The difference in standard deviations of the views' differences; NaN if they do not vary."""
-
-    may_be_chance: bool
-    """Whether the interval has 0."""
-
-    undone_by: str = ""
-    """The view or scene without which a lead may be chance; "" if no one decides."""
+    @property
+    def may_be_chance(self) -> bool:
+        """Whether the interval has 0."""
+        return may_be_chance((self.difference, *self.interval))
 
     @property
     def is_sure(self) -> bool:
@@ -254,9 +245,6 @@ class Comparison:
     photographs: tuple[str, ...] = ()
     """Methods that return the photograph itself: they have no place, rank and tie unless there are no others."""
 
-    lacks_truth: bool = False
-    """Whether metrics found neither a reference nor a chart in the data."""
-
     def with_columns(self, columns: Collection[Column]) -> Comparison:
         """Return the table with only these of its columns, in their order, and without notes on others alone."""
         left = (
@@ -266,10 +254,6 @@ class Comparison:
         return replace(
             self,
             columns=tuple(columns),
-            cells={key: cell for key, cell in self.cells.items() if key[1] in columns},
-            measured={
-                column: self.measured[column] for column in self.measured if column in columns
-            },
             notes=tuple(
                 replace(note, columns=of) for note, of in left if of or not note.columns
             ),
@@ -282,33 +266,6 @@ class Comparison:
             for name in self.methods
             if (name, column) in self.cells
         }
-
-    @property
-    def unknown(self) -> list[str]:
-        """The metrics that are not registered here, so that nobody knows what they tell."""
-        return list(dict.fromkeys(one.metric for one in self.columns if one.is_unknown))
-
-    @property
-    def blind(self) -> str:
-        """What a table says first in which no score shows which colours are true."""
-        why = "No score here compares with a chart or a reference"
-        if self.unknown:
-            why = f"The plugin of {' and '.join(self.unknown)} is not loaded"
-        elif self.lacks_truth:
-            why = "No chart and no reference"
-        return f"{why}: nobody can say from these numbers which colours are true."
-
-    @property
-    def advice(self) -> str:
-        """What a table says last in which no score shows which colours are true."""
-        if self.unknown:
-            return "Give the file of the metric with --plugin FILE."
-        if self.lacks_truth:
-            return "Look at the pictures, mark a chart (`sucre-bench charts`), or ask people (`study`)."
-        return (
-            "If the data have one, choose such a metric (`sucre-bench list metrics`); else look at the pictures, mark a"
-            " chart (`sucre-bench charts`), or ask people (`study`)."
-        )
 
     @property
     def restorers(self) -> tuple[str, ...]:

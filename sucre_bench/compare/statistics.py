@@ -62,10 +62,9 @@ from sucre_bench.compare.model import (
 _RESAMPLES = 5000
 _FEWEST = 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples
-_AT_ONCE = 500_000  # units drawn at a time
+_AT_ONCE = 500_000  # pairs of methods in resamples at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
-_MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
 # degrees of freedom of neighbours: with fewer, no lead is found however large it is
 _LEAST_FREEDOM = 3.0
 _MOST_ALIKE = 0.8  # correlation of neighbours: a larger one cannot be told from a trend, and would hide any lead
@@ -213,9 +212,8 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
 
     n = len(units.sizes)
     tails = (1 - _LEVEL) / 2
-    deviations = np.concatenate(
-        [counts @ units.residuals / views for counts, views in _resamples(units.sizes)]
-    )
+    counts = _resamples(n).astype(np.float64)
+    deviations = counts @ units.residuals / (counts @ units.sizes[:, None])
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     mean = units.sums.sum(axis=0) / units.sizes.sum()
@@ -257,27 +255,6 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     )
 
 
-def undone_by(units: Units, best: int, second: int) -> int | None:
-    """Return the number of a unit without which the best method's lead over the second may be chance; None if no one
-    unit decides.
-    """
-    pair = Units(units.sums[:, [best, second]], units.sizes)
-    (alone,) = differences(pair, [(0, 1)])
-    n = len(units.sizes)
-    if not alone > 0 or n > _MOST_LEFT_OUT:
-        return None
-    if n == 2:  # one unit has no interval
-        return 0
-    wider = differences(units, [(best, second)])[0] / alone  # by what neighbours have in common
-    sign = np.sign(np.diff(pair.sums.sum(axis=0)))
-    for unit in range(n):
-        rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))
-        change = sign * np.diff(rest.sums.sum(axis=0)) / rest.sizes.sum()
-        if change[0] <= wider * differences(rest, [(0, 1)])[0]:
-            return unit
-    return None
-
-
 def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array:
     """The greatest |t| over the pairs of methods i and j (P,), in each resample (R,).
 
@@ -286,49 +263,38 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
     """
     r = units.residuals
     s = units.sizes
-    n = len(units.sizes)
-    made = []
-    for counts, views in _resamples(s, _FEWEST):
-        deviation, mixed = counts @ r / views, counts @ (r * s[:, None])
-        greatest, step = np.zeros(len(counts)), max(1, _AT_ONCE // len(counts))
-        for start in range(0, len(i), step):
-            a, b = i[start : start + step], j[start : start + step]
-            d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
-            squares = (
-                counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
-            )
-            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
-            with np.errstate(divide="ignore", invalid="ignore"):
-                # the same unit drawn n times has no spread
-                t = np.where(
-                    error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf)
-                )
-            greatest = np.maximum(greatest, t.max(axis=1))
-        made.append(greatest)
-    return np.concatenate(made)
-
-
-def _resamples(sizes: Array, most: int = _RESAMPLES) -> Iterator[tuple[Array, Array]]:
-    """Yield how often each unit is drawn (B, S), and how many views that are (B, 1), some resamples at a time."""
-    draws = _draws(len(sizes))[:most]
-    step = max(1, _AT_ONCE // len(sizes))
-    for start in range(0, len(draws), step):
-        counts = draws[start : start + step].astype(np.float64)
-        yield counts, counts @ sizes[:, None]
+    n = len(s)
+    counts = _resamples(n)[:_FEWEST].astype(np.float64)
+    views = counts @ s[:, None]
+    squared_sizes = counts @ s[:, None] ** 2
+    deviation = counts @ r / views
+    mixed = counts @ (r * s[:, None])
+    greatest = np.zeros(len(counts))
+    step = max(1, _AT_ONCE // len(counts))
+    for start in range(0, len(i), step):
+        a = i[start : start + step]
+        b = j[start : start + step]
+        d = deviation[:, a] - deviation[:, b]
+        m = mixed[:, a] - mixed[:, b]
+        squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * squared_sizes
+        error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.abs(d) / error
+        # the same unit drawn n times has no spread
+        t[error <= _EXACT * np.abs(d)] = np.inf
+        t[d == 0] = 0
+        greatest = np.maximum(greatest, t.max(axis=1))
+    return greatest
 
 
 @functools.lru_cache(maxsize=2)
-def _draws(n: int) -> npt.NDArray[np.uint8]:
+def _resamples(n: int) -> npt.NDArray[np.uint8]:
     """How often each of n units is drawn, a line a resample: always the same, for all columns of as many units."""
     rng = np.random.default_rng(0)
-    resamples, step = min(_RESAMPLES, max(_FEWEST, _DRAWS // n)), max(1, _AT_ONCE // n)
+    resamples = min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
     draws = np.empty((resamples, n), dtype=np.uint8)
-    for start in range(0, resamples, step):
-        rows = min(step, resamples - start)
-        drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        draws[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(
-            rows, n
-        )
+    for row in draws:
+        row[:] = np.bincount(rng.integers(n, size=n), minlength=n)
     return draws
 
 

@@ -1,26 +1,27 @@
-"""The words of a comparison in every format: numbers, headings, cells, legend, notes, verdicts, and its answer.
+"""The words of a comparison in every format: numbers, cells, legend, notes, verdicts, and its answer.
 
-`answer` says in a few sentences who leads by the columns that decide (`deciding`), and what is wrong with pictures.
+`answer` says in a few sentences what is wrong with pictures, and who is ahead by each score.
 """
+
+from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import (
     FEWEST_FOR_LEAD,
     FEWEST_VIEWS,
     METRICS,
     Column,
     Comparison,
-    Note,
     Verdict,
     may_be_chance,
 )
-from sucre_bench.compare.statistics import undone_by
-from sucre_bench.machine.text_formats import counted
+from sucre_bench.machine.text_formats import first_few
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
@@ -33,7 +34,6 @@ NUMBERS = {"decimals": _DECIMALS, "figures": _FIGURES, "scientific_below": 1e-4}
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 
 _MOST_NAMES = 4
-_ALIKE = 0.75  # of the views: if they are worth fewer independent ones, a table says so
 
 
 def number(value: float) -> str:
@@ -54,30 +54,18 @@ def signed(value: float) -> str:
 
 def title(column: Column) -> str:
     """A metric's name with its direction and unit."""
-    # memory is what a restoration adds to what its process held before
-    name = "memory growth" if column.metric == "peak_mb" else column.metric
-    return " ".join(filter(None, [name, ARROW[column.better], column.unit]))
+    return " ".join(filter(None, [column.metric, ARROW[column.better], column.unit]))
 
 
-def name_in(comparison: Comparison, column: Column) -> str:
-    """A metric's name, with the variant if the table has several of it."""
-    several = [c.metric for c in comparison.columns].count(column.metric) > 1
-    return f"{column.metric} ({column.variant})" if several else column.metric
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names as text, at most four and how many more there are."""
-    names = list(names)
-    more = len(names) - _MOST_NAMES
-    return (
-        ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
-    )
+def _is_one_of_several(comparison: Comparison, column: Column) -> bool:
+    """Whether a table has several variants of a column's metric."""
+    return [one.metric for one in comparison.columns].count(column.metric) > 1
 
 
 # -- cells -------------------------------------------------------------------------------------------------
 
 
-Look = Literal["", "best", "second", "better", "worse"]
+Look = Literal["", "best", "second", "better", "worse", "dim"]
 _PLACES: Mapping[int, Look] = {1: "best", 2: "second"}
 
 
@@ -85,19 +73,19 @@ _PLACES: Mapping[int, Look] = {1: "best", 2: "second"}
 class Shown:
     """The parts of a cell, each "" where there is none."""
 
-    mark: str
-    """It is "≈" if the score is no different by more than chance, where others are."""
-
     value: str
 
-    interval: str
+    mark: str = ""
+    """It is "≈" if the score is no different by more than chance, where others are."""
+
+    interval: str = ""
     """With its brackets."""
 
-    holes: str
+    holes: str = ""
     """As "○" and how many."""
 
-    look: Look
-    """What sets it apart: "best", "second", or with a baseline "better", "worse"."""
+    look: Look = ""
+    """What sets it apart: "best", "second", with a baseline "better", "worse"; "dim" where nobody wins."""
 
     def __str__(self) -> str:
         return " ".join(filter(None, [self.mark, self.value, self.interval, self.holes]))
@@ -107,294 +95,144 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     """Return what a cell shows; spread: with the standard deviation. "-" where a method has nothing."""
     cell = comparison.cells.get((method, column))
     if cell is None:
-        return Shown("", "-", "", "", "")
+        return Shown("-")
+    look: Look = "dim" if column.knows == "taste" else ""
     holes = f"○{cell.holes}" if cell.holes else ""
+    mark = ""
     if not math.isnan(cell.change[0]):
         change, low, high = cell.change
         is_chance = may_be_chance(cell.change)
-        mark = "≈" if change and is_chance else ""
-        look: Look = ""
-        if column.ranked and math.isfinite(low) and not is_chance:
+        if change and is_chance:
+            mark = "≈"
+        elif column.ranked and math.isfinite(low) and not is_chance:
             look = "better" if change * column.sign < 0 else "worse"
-        return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
+        interval = f"[{signed(low)}, {signed(high)}]" if math.isfinite(low) else ""
+        return Shown(signed(change), mark, interval, holes, look)
     value = number(cell.mean)
     if spread and not math.isnan(cell.std):
         value += f" ± {number(cell.std)}"
-    behind = [c for c in comparison.of(column).values() if c.place > 1]
-    place: Look = ""
-    mark = ""
-    if behind and column.ranked and not comparison.baseline:  # else there is no best
-        place = _PLACES.get(cell.place, "")
-        # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
-        mark = "≈" if cell.tie and not all(c.tie for c in behind) else ""
-    return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
+    is_alone = all(other.place <= 1 for other in comparison.of(column).values())
+    if column.ranked and not comparison.baseline and not is_alone:  # else there is no best
+        look = _PLACES.get(cell.place, "")
+        mark = "≈" if cell.tie else ""
+    interval = f"[{number(cell.low)}, {number(cell.high)}]" if math.isfinite(cell.low) else ""
+    return Shown(value, mark, interval, holes, look)
 
 
 @dataclass(frozen=True)
-class ShownColumn:
-    """A column as it is shown."""
+class Part:
+    """A column of a table that is shown."""
 
     head: str
+    """Lines that stand above it."""
 
-    cells: list[Shown]
-    """A cell a method."""
+    comparison: Comparison
+    column: Column
 
-    unit: str = ""
-    """The line below the heading."""
-
-    is_dim: bool = False
-    """Whether all of it is dim, because nobody wins by it."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """What the comparison calls each method, where the table calls it otherwise."""
 
 
-def shown_column(
-    comparison: Comparison,
-    column: Column,
-    head: str,
-    unit: str = "",
+def parts_of(comparison: Comparison, with_variants: bool) -> list[Part]:
+    """Return all columns of a comparison; with_variants: name variants also where a metric has only one."""
+    parts = []
+    for column in comparison.columns:
+        is_named = with_variants or _is_one_of_several(comparison, column)
+        below = column.unit
+        if is_named:
+            below = f"{column.variant} {column.unit}".strip()
+        head = column.metric
+        if column.is_share_filled:
+            head = "filled"
+        elif column.directed:
+            head += f" {ARROW[column.better]}"
+        parts.append(Part(f"{head}\n{below}", comparison, column))
+    return parts
+
+
+def shown_table(
+    methods: Sequence[str],
+    parts: Sequence[Part],
     spread: bool = False,
     intervals: bool = True,
-) -> ShownColumn:
-    """Return what a column shows of each method; spread: with standard deviations; intervals: whether it has them."""
-    cells = [shown(comparison, name, column, spread) for name in comparison.methods]
-    if not intervals:
-        cells = [replace(cell, interval="") for cell in cells]
-    return ShownColumn(head, cells, unit, column.knows == "taste")
+) -> DataFrame:
+    """Return the `Shown` cells of a table: a line a method and, last, over how many views the means are."""
+    import pandas as pd
 
-
-def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
-    return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
+    columns: dict[int, list[Shown]] = {}
+    for n, part in enumerate(parts):
+        cells = [
+            shown(part.comparison, part.names.get(name, name), part.column, spread)
+            for name in methods
+        ]
+        if not intervals:
+            cells = [replace(cell, interval="") for cell in cells]
+        columns[n] = [*cells, Shown(str(part.column.n_views), look="dim")]
+    table = pd.DataFrame(columns, index=[*methods, "views"], dtype=object)
+    return table.set_axis([part.head for part in parts], axis="columns")
 
 
 # -- below a table -----------------------------------------------------------------------------------------
 
 
-def over_views(columns: Sequence[Column]) -> list[str]:
-    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
-    measured = [column for column in columns if column.n_scored]
-    scores = [column for column in measured if column.ranked and not column.is_share_filled]
-    told = {column.n_views for column in scores}
-    scores += [column for column in measured if column.n_views not in told]
-    alike = defaultdict[str, list[str]](list)
-    for column in sorted(scores, key=lambda column: -column.n_views):
-        scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
-        charts = (
-            f" ({counted(column.n_scored, 'chart')})"
-            if column.n_scored > column.n_views
-            else ""
-        )
-        rough = ""
-        if column.has_few_views:  # they do not show the distribution
-            rough = ", no intervals" if column.n_views < 2 else ", intervals are rough"
-        elif column.ranked and 0 < column.worth <= _ALIKE * column.n_views:
-            rough = (
-                f" (neighbours may be alike: worth {column.worth:.0f} independent ones or more)"
-            )
-        over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
-        alike[over].append(column.metric)
-    return [
-        f"{listed(dict.fromkeys(names))}: {over}" if n else over
-        for n, (over, names) in enumerate(alike.items())
-    ]
-
-
-def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool = False) -> list[str]:
-    """Return what the marks of cells mean. colours: whether better and worse are green and red, not bold."""
-    looks = {cell.look for cell in cells}
-    parts = []
-    if "best" in looks:
-        parts.append("bold: best, underlined: second" if "second" in looks else "bold: best")
-    if looks & {"better", "worse"}:
-        parts.append("green: better, red: worse" if colours else "bold: better")
-    if any(cell.mark for cell in cells):
-        parts.append(
-            f"≈: the difference from {comparison.baseline or 'the best'} may be chance"
-        )
-    if any(cell.holes for cell in cells):
-        parts.append("○n: lacks n that others have")
-    photographs = comparison.photographs if comparison.restorers else ()
-    how = ", which is judged alone" if comparison.baseline else ", which has no rank"
-    return parts + [
-        f"{name}: the photograph itself{'' if name == comparison.baseline else how}"
-        for name in photographs
-    ]
-
-
-def resolution(comparison: Comparison) -> str:
-    """Return which differences are more than chance, of scores in which some may be chance; "" if there are none.
-
-    They are from the least that shows of a method that varies little, to that of the one that varies most.
-    """
-    undecided, least = list[str](), list[str]()
-    for column in comparison.columns:
-        cells = comparison.of(column).values()
-        found = [cell.behind for cell in cells if cell.place > 1]
-        if comparison.baseline:
-            found = [cell.change for cell in cells]
-        are_chance = [may_be_chance(difference) for difference in found]
-        if not column.ranked or not any(are_chance):
-            continue
-        name = name_in(comparison, column)
-        if not comparison.baseline and all(are_chance):
-            undecided.append(name)
-        halves = [high - gap for gap, _, high in found if math.isfinite(high)]
-        if halves:
-            ends = dict.fromkeys([number(min(halves)), number(max(halves))])
-            least.append(" ".join(filter(None, [" to ".join(ends), column.unit, "in", name])))
-    said = []
-    if undecided:
-        said.append(
-            f"no method differs from the best by more than chance in {listed(undecided)}"
-        )
-    if least:
-        said.append(f"more than chance are only differences above {listed(least)}")
-    return "; ".join(said)
-
-
-def legend(
-    comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True
-) -> str:
-    """Say what the numbers of a table are, over what, what its marks mean, and how intervals are made.
-
-    colours: whether the table tells better and worse by green and red, rather than better by bold; intervals: whether
-    it shows them.
-    """
-    if not comparison.columns:
-        return "no scores"
-    baseline = comparison.baseline
-    cells = [
-        shown(comparison, name, column)
-        for name in comparison.methods
-        for column in comparison.columns
-    ]
-    has_interval = intervals and any(cell.interval for cell in cells)
-    interval = " [95 % interval]" if has_interval else ""
-    of = f"mean{' ± standard deviation' if spread else ''}{interval}"
-    if baseline:
-        judged = [cell.change[1] for cell in comparison.cells.values() if cell.change[0]]
-        of_change = interval if any(map(math.isfinite, judged)) else ""
-        of = f"with a sign: the difference from {baseline}{of_change}; else {of}"
-    parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
-    parts.append(resolution(comparison))
-    if has_interval:
-        units = (
-            "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
-        )
-        parts.append(f"intervals: bootstrap over {units}")
-        scored = {name for name, column in comparison.cells if column.ranked}
-        restorers = comparison.restorers or comparison.methods
-        compared = {*restorers, *([baseline] if baseline else [])}
-        n = len(scored & compared)
-        if n > 2:
-            of = f"differences from {baseline or 'the best'}"
-            parts.append(f"of {of}: step-down max-t over {n} methods")
-        elif n == 2 or (baseline and len(scored) > 1):
-            parts.append("of the difference: Student's")
-    return "; ".join(filter(None, parts))
-
-
-def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    """Return comparisons in which what is known of methods, whatever their scores, stands below the first alone."""
-    said = set[Note]()
-    made = []
-    for comparison in comparisons:
-        made.append(
-            replace(comparison, notes=tuple(n for n in comparison.notes if n not in said))
-        )
-        said |= {note for note in comparison.notes if note.kind in ("by us", "trained on")}
-    return made
-
-
-def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a sentence for each dataset of which all tables have the same scores of a method.
-
-    What tells the tables apart, fewer neighbouring views for example, does not reach this method.
-    """
-    groups = defaultdict[str, list[Comparison]](list)
-    for comparison in comparisons:
-        groups[comparison.title.partition(",")[0]].append(comparison)
-    said = []
-    for name, tables in groups.items():
-        same = []
-        for method in tables[0].restorers:
-            first = _means(tables[0], method)
-            if first and all(_means(one, method) == first for one in tables[1:]):
-                same.append(method)
-        if same and len(tables) > 1:
-            what = f"in all {len(tables)} tables of {name}: what differs between these does not reach"
-            said.append(
-                f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
-            )
-    return said
-
-
-def _means(comparison: Comparison, method: str) -> dict[str, float]:
-    """A method's mean by each score that ranks."""
-    return {
-        column.key: cell.mean
-        for (name, column), cell in comparison.cells.items()
-        if column.ranked and name == method and name in comparison.restorers
-    }
+def legend(comparison: Comparison, spread: bool = False, intervals: bool = True) -> str:
+    """Say what the numbers of a table and its marks mean. spread, intervals: whether it shows these."""
+    mean = "mean ± standard deviation" if spread else "mean"
+    if intervals:
+        mean += " [95 % interval: bootstrap; of differences: step-down max-t]"
+    reference = comparison.baseline or "the best"
+    chance = f"≈: the difference from {reference} may be chance"
+    parts = [f"{mean} over views"]
+    if comparison.baseline:
+        parts = [f"with a sign: difference from {reference}", *parts]
+    if any(column.ranked for column in comparison.columns):
+        looks = "bold: better" if comparison.baseline else "bold: best, underlined: second"
+        parts += [looks, chance]
+    parts.append("○n: lacks n that others have")
+    if any(column.has_few_views for column in comparison.columns):
+        parts.append(f"intervals over fewer than {FEWEST_VIEWS} views are rough")
+    if comparison.restorers:
+        parts += [f"{name}: the photograph itself" for name in comparison.photographs]
+    return "; ".join(parts)
 
 
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
-    return [
-        note.text.replace(METRICS, listed(dict.fromkeys(one.metric for one in note.columns)))
-        for note in comparison.notes
-        if note.kind != "faults"
-    ]
+    said = []
+    for note in comparison.notes:
+        metrics = dict.fromkeys(column.metric for column in note.columns)
+        if note.kind != "faults":
+            said.append(note.text.replace(METRICS, first_few([*metrics], _MOST_NAMES)))
+    return said
 
 
-def faults(comparison: Comparison) -> list[str]:
-    """Return a sentence that says what is wrong with the pictures of each method; none where nothing is."""
-    said = "; ".join(
-        f"{note.method}: {note.text}" for note in comparison.notes if note.kind == "faults"
-    )
-    return [f"What is wrong with the pictures: {said}"] if said else []
-
-
-# -- verdicts ----------------------------------------------------------------------------------------------
-
-
-def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True) -> str:
-    """Return a verdict as a sentence: who is ahead, by how much, how steadily, and whether it may be chance.
-
-    With a baseline, the sentence is about the other method. interval: whether it has the interval and the effect.
-    """
-    column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
-    name = name_in(comparison, column)
+def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
+    """Return a verdict as a sentence: who is ahead, by how much, how steadily, and whether it may be chance."""
+    column = verdict.column
+    name = column.metric
+    if _is_one_of_several(comparison, column):
+        name += f" ({column.variant})"
     if column.plugin and column.knows == "evidence":
         pairs = 5 * (1 + column.plugin.agreement[column.variant])
         name = (
             f"By {name}, which agrees with true colours in {pairs:.0f} of 10 pairs of methods"
         )
-    if baseline and not verdict.difference:
+    if not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
-    lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
-    wins = "best"
-    if baseline == verdict.leader:
-        lead = f"{verdict.second} is worse than {baseline}"
-        wins = "worse"
-    elif baseline:
-        lead = f"{verdict.leader} is better than {baseline}"
-        wins = "better"
-    ends = _interval(*verdict.interval) if interval else ""
-    by = " ".join(filter(None, [number(verdict.difference), column.unit, ends]))
-    if views < 2:
-        return f"{name}: {lead} by {by}, on one view"
-    effect = (
-        f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
-    )
+    leads = "leads" if verdict.is_lead else "is ahead of"
+    low, high = verdict.interval
+    interval = f"[{number(low)}, {number(high)}]" if math.isfinite(low) else ""
+    by = " ".join(filter(None, [number(verdict.difference), column.unit, interval]))
+    best = "better" if comparison.baseline else "best"
     chance = ""
-    if verdict.undone_by:
-        chance = f", but without {verdict.undone_by} it may be chance"
-    elif verdict.may_be_chance:
+    if verdict.may_be_chance:
         chance = ", which may be chance"
-        if column.worth == 0:
+        if not interval:
             chance += f" (a track needs {FEWEST_VIEWS} views)"
-    elif verdict.is_sure and not verdict.is_lead and not baseline:
+    elif verdict.is_sure and not verdict.is_lead:
         chance = f", by more than chance (a lead needs {FEWEST_FOR_LEAD} views)"
-    return f"{name}: {lead} by {by}, {wins} in {round(verdict.wins, 1):g} of {views} views{effect}{chance}"
+    steadily = f"{best} in {round(verdict.wins, 1):g} of {column.n_views} views"
+    return f"{name}: {verdict.leader} {leads} {verdict.second} by {by}, {steadily}{chance}"
 
 
 # -- the answer: which columns decide, and who leads by each ---------------------------------------------------
@@ -411,14 +249,13 @@ _TRUE_COLOURS: tuple[Role, ...] = (
     "similarity",
     "colour-difference",
 )
+# Roles of scores that follow where there is room: those of a plugin under test, say.
+_OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 
 
 @dataclass(frozen=True)
 class Deciding:
     """The columns of a comparison that decide."""
-
-    scores: tuple[Column, ...]
-    """The main one first."""
 
     knows_colours: bool
     """False if no score compares with what is true, and nobody voted."""
@@ -427,65 +264,56 @@ class Deciding:
     """The score that sorts the methods; None if no score shows which colours are true."""
 
     columns: tuple[Column, ...]
-    """All of them, in the order of a table: behind the scores, the share of pixels with a colour, and seconds."""
+    """In the order of a table: behind the scores, the share of pixels with a colour, and seconds."""
 
 
-def deciding(comparison: Comparison, every: bool = False) -> Deciding:
-    """Return the columns of a comparison that decide; every: all of them, which someone has asked for.
+def deciding(comparison: Comparison) -> Deciding:
+    """Return the columns of a comparison that decide.
 
     Scores that know the true colours come first. Without any, people's votes, evidence and scores of the picture alone
-    take their place, in this order. If there is room, scores of several views and those without a role follow: those of
-    a plugin under test, say.
+    take their place, in this order.
     """
-    scores = comparison.columns
-    beside: list[Column] = []
-    if not every:
-        # the default variant of each metric, or the first that was scored
-        once: dict[str, Column] = {}
-        for column in scores:
-            is_default = (
-                column.plugin is not None and column.variant == column.plugin.default[0]
-            )
-            if column.directed and (column.metric not in once or is_default):
-                once[column.metric] = column
-        left = [*once.values()]
-        known: list[Column] = []
-        for role in _TRUE_COLOURS:
-            known += [c for c in left if c.role == role and c not in known][:1]
-        known = sorted(known[:_MOST], key=lambda column: _TRUE_COLOURS.index(column.role))
-        if not known:
-            of_people = [column for column in left if column.metric == PREFERENCE]
-            evidence = [column for column in left if column.knows == "evidence"]
-            of_picture = [column for column in left if column.role == "no-reference"]
-            taste = [column for column in of_picture if column.knows == "taste"]
-            known = [*of_people, *evidence[:_MOST_BLIND], *taste[:_MOST_BLIND]]
-        others = [column for column in left if column not in known and column.role in _OTHERS]
-        beside = [c for c in scores if c.is_share_filled or c.metric == RESTORATION]
-        chosen = known + others or left
-        scores = tuple(column for column in chosen[:_MOST] if column not in beside)
-    scores = tuple(sorted(scores, key=lambda column: column.knows == "taste"))
-    directed = [column for column in scores if column.directed]
-    knows = not directed or any(column.knows == "truth" for column in directed)
-    main = next((column for column in directed if knows and column.ranked), None)
-    if every and knows:  # the same order, whoever asks
-        main = deciding(comparison).main or main
-    return Deciding(scores, knows, main, (*scores, *beside))
-
-
-_OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
+    once: dict[
+        str, Column
+    ] = {}  # the default variant of each metric, or the first that was scored
+    for column in comparison.columns:
+        is_default = column.plugin is not None and column.variant == column.plugin.default[0]
+        if column.directed and (column.metric not in once or is_default):
+            once[column.metric] = column
+    left = [*once.values()]
+    by_role = defaultdict[Role, list[Column]](list)
+    for column in left:
+        by_role[column.role].append(column)
+    known = [by_role[role].pop(0) for role in _TRUE_COLOURS if by_role[role]][:_MOST]
+    known.sort(key=lambda column: _TRUE_COLOURS.index(column.role))
+    if not known:
+        known = [column for column in left if column.metric == PREFERENCE]
+        known += [column for column in left if column.knows == "evidence"][:_MOST_BLIND]
+        of_picture = [column for column in left if column.role == "no-reference"]
+        known += [column for column in of_picture if column.knows == "taste"][:_MOST_BLIND]
+    others = [column for column in left if column not in known and column.role in _OTHERS]
+    scores = (known + others or left)[:_MOST]
+    scores.sort(key=lambda column: column.knows == "taste")
+    knows = not scores or any(column.knows == "truth" for column in scores)
+    main = next((column for column in scores if knows and column.ranked), None)
+    beside = [c for c in comparison.columns if c.is_share_filled or c.metric == RESTORATION]
+    beside = [column for column in beside if column not in scores]
+    return Deciding(knows, main, (*scores, *beside))
 
 
 def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
     """Return the methods by their mean of a score, those without it behind them, photographs last; else as asked."""
-    names = comparison.restorers or comparison.methods
+    means: dict[str, float] = {}
     if main is not None:
-        means = {
-            name: main.sign * cell.mean
-            for name, cell in comparison.of(main).items()
-            if not math.isnan(cell.mean)
-        }
-        names = tuple(sorted(names, key=lambda name: means.get(name, math.inf)))
-    return (*names, *(name for name in comparison.photographs if name not in names))
+        for name, cell in comparison.of(main).items():
+            if not math.isnan(cell.mean):
+                means[name] = main.sign * cell.mean
+    apart = comparison.photographs if comparison.restorers else ()
+
+    def place(name: str) -> tuple[bool, float]:
+        return name in apart, means.get(name, math.inf)
+
+    return tuple(sorted(comparison.methods, key=place))
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
@@ -510,20 +338,8 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     best, second = sorted(cells, key=lambda name: cells[name].place)[:2]
     behind = cells[second]
     gap, low, high = behind.behind
-    if behind.place == 1 or not math.isfinite(gap):
-        return
-    found = Verdict(
-        column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie
-    )
-    scores = comparison.measured[column]
-    if found.is_sure and scores.independent is not None:
-        unit = undone_by(scores.independent, *map(scores.methods.index, (best, second)))
-        if unit is not None:
-            names = [*dict.fromkeys(scene for scene, _ in scores.places)]
-            found = replace(
-                found, undone_by=names[unit] if len(names) > 1 else scores.places[unit][1]
-            )
-    yield found
+    if behind.place > 1 and math.isfinite(gap):
+        yield Verdict(column, best, second, gap, (low, high), cells[best].wins)
 
 
 def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:
@@ -533,57 +349,39 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
         if not math.isfinite(change):
             continue
         interval = (low, high) if change > 0 else (-high, -low)
-        pair = (name, baseline)
-        wins = cell.wins
         if change * column.sign > 0:
-            pair = (baseline, name)
             wins = column.n_views - cell.wins
-        yield Verdict(
-            column,
-            *pair,
-            abs(change),
-            interval,
-            wins,
-            abs(cell.effect),
-            may_be_chance(cell.change),
-        )
+            yield Verdict(column, baseline, name, abs(change), interval, wins)
+        else:
+            yield Verdict(column, name, baseline, abs(change), interval, cell.wins)
 
 
-def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
-    """Return a few sentences by the chosen columns: what is wrong with the pictures, and a verdict for each score.
+# The first and the last sentence where no score shows which colours are true.
+BLIND = (
+    "No score here compares with a chart or a reference: nobody can say from these numbers which colours are true.",
+    "Look at the pictures, mark a chart (`sucre-bench charts`), or ask people (`study`).",
+)
 
-    With a baseline, there is a verdict for each method by the main score alone.
+
+def answer(comparison: Comparison) -> list[str]:
+    """Return a few sentences: what is wrong with the pictures, and a verdict for each score.
+
+    With a baseline, there is a verdict for each method by the main score alone. Where no score shows which colours are
+    true, the first sentence says that, and the last one what to do.
     """
-    ranked = [column for column in chosen.scores if column.ranked]
+    chosen = deciding(comparison)
+    ranked = [column for column in comparison.columns if column.ranked]
     if comparison.baseline:
-        ranked = ranked[:1]
-    found = verdicts(replace(comparison, columns=tuple(ranked)))
-    if comparison.baseline:  # over one view nobody is better or worse
-        found = [
-            verdict
-            for verdict in found
-            if not math.isnan(verdict.interval[0]) or not verdict.difference
-        ]
-    said = [verdict_text(comparison, verdict, interval=False) for verdict in found]
-    said += [
-        f"{column.metric}: no method beats the photograph itself"
-        for column in ranked
-        if _is_beaten(comparison, column)
-    ]
-    return framed(comparison, chosen, said)
-
-
-def framed(comparison: Comparison, chosen: Deciding, said: Sequence[str]) -> list[str]:
-    """Return sentences behind one about what is wrong with the pictures.
-
-    Where no score shows which colours are true, the first sentence says that, and the last one what to do.
-    """
-    said = [*faults(comparison), *said]
-    return said if chosen.knows_colours else [comparison.blind, *said, comparison.advice]
-
-
-def _is_beaten(comparison: Comparison, column: Column) -> bool:
-    """Whether the photograph has a better mean than each method beside it."""
-    worse = {name: column.sign * cell.mean for name, cell in comparison.of(column).items()}
-    photographs = [worse.pop(name) for name in comparison.photographs if name in worse]
-    return bool(photographs and worse) and min(photographs) < min(worse.values())
+        ranked = [chosen.main] if chosen.main else ranked[:1]
+    faults = [note for note in comparison.notes if note.kind == "faults"]
+    said = []
+    if faults:
+        of_methods = "; ".join(f"{note.method}: {note.text}" for note in faults)
+        said.append(f"What is wrong with the pictures: {of_methods}")
+    judged = verdicts(replace(comparison, columns=tuple(ranked)))
+    said += [verdict_text(comparison, verdict) for verdict in judged]
+    for column in ranked:
+        first = best_first(replace(comparison, photographs=()), column)[0]
+        if first in comparison.photographs and comparison.restorers:
+            said.append(f"{column.metric}: no method beats the photograph itself")
+    return said if chosen.knows_colours else [BLIND[0], *said, BLIND[1]]

@@ -112,8 +112,8 @@ class Compared:
             return "no scores"
         return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH)
 
-    def _repr_html_(self) -> str:
-        return self._as_text("html")
+    def _repr_markdown_(self) -> str:
+        return self.markdown()
 
     @checked
     def plot(

@@ -92,6 +92,6 @@ def test_draws_are_the_same_in_every_process():
     units = Units.of(np.random.default_rng(4).normal(size=(7, 3)), [7])
     found = []
     for _ in range(2):
-        statistics._draws.cache_clear()  # noqa: SLF001 - what another process does not have
+        statistics._resamples.cache_clear()  # noqa: SLF001 - what another process does not have
         found.append([*mean_intervals(units), differences(units, [(0, 1), (0, 2), (1, 2)])])
     assert np.array_equal(*found)

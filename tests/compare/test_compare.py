@@ -43,9 +43,9 @@ def test_charts_of_one_view_are_not_independent():
 
 def test_a_metric_without_its_plugin_is_named_and_nothing_is_said_of_what_it_knows():
     comparison = table({"a": [1, 2], "b": [2, 3]}, metric="of_a_plugin")
-    said = [*left_out(comparison), comparison.blind, comparison.advice]
-    assert all("of_a_plugin" in text for text in said[:2])
-    assert "--plugin" in said[2]
+    (said,) = left_out(comparison)
+    assert "of_a_plugin" in said
+    assert "--plugin" in said
     records = json.loads(as_text([comparison], "json"))
     assert {record["knows"] for record in records} == {None}
 
@@ -109,7 +109,7 @@ def test_folders_with_other_values_of_one_score_are_named(bench, tmp_path):
         ]
         frame(rows).to_parquet(tmp_path / name / "scores.parquet")
     done = bench("compare", "one", "two", "--format", "csv")
-    assert re.match(r"one and two .* 3 .* 2 .*\(sea / m\).* from one\.", done.stderr)
+    assert re.match(r"one, two .* 3 .* 2 .*\(sea / m\)", done.stderr)
     assert ",1.0," in done.stdout, "the newest"
     assert bench("compare", "one", "same").errors == []
 
@@ -233,7 +233,13 @@ def test_methods_are_compared_on_the_replicates_that_all_of_them_have():
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 11, "b": 10}
     (said,) = left_out(comparison)
-    assert re.findall(r"^b|\d+", said) == ["b", "2", "6", "2"]  # 2 of 6 replicates, of 2 images
+    assert re.findall(r"^b|\d+", said) == [
+        "b",
+        "2",
+        "6",
+        "2",
+        "2",
+    ]  # of 6 replicates, of 2 images
 
 
 def test_a_replicate_that_failed_as_a_whole_is_lost():
@@ -241,7 +247,7 @@ def test_a_replicate_that_failed_as_a_whole_is_lost():
     rows = [*repeated("a", {0: 10, 1: 0}), *repeated("b", {0: 9}), whole]
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 10, "b": 9}
-    assert re.findall(r"^b|\d+", left_out(comparison)[0]) == ["b", "2", "4", "2"]
+    assert re.findall(r"^b|\d+", left_out(comparison)[0]) == ["b", "2", "4", "2", "2"]
 
 
 LOST = r"(?P<method>\w+) .* (?P<n>\d+) of (?P<total>\d+) (?P<unit>\w+)s \((?P<reasons>.*)\)\D*(?P<left>\d*)"
@@ -270,7 +276,7 @@ def test_holes_are_counted_and_said_with_their_reasons():
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     (lost,) = images_lost(comparison)
     assert lost.pop("reasons") == "2 failed: ValueError: boom; 1 skipped: has no depth map"
-    assert [*lost.values()] == ["b", "3", "8", "image", "5", ""]
+    assert [*lost.values()] == ["b", "3", "8", "image", "5", "psnr"]
     assert (cells(comparison)["a"].holes, cells(comparison)["b"].holes) == (0, 3)
     assert comparison.columns[0].n_scored == 5
 
@@ -319,7 +325,7 @@ def test_by_region_a_view_that_failed_is_a_hole_of_every_region():
     for comparison in tables:
         lost = images_lost(comparison)[0]
         assert (lost["method"], lost["n"], lost["total"]) == ("b", "1", "2")
-        assert (lost["metrics"], lost["reasons"]) == ("", "1 failed: boom")
+        assert (lost["metrics"], lost["reasons"]) == ("psi", "1 failed: boom")
         assert cells(comparison)["b"].holes == 1
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import pytest
-import scipy
 from support.made_rows import on_terminal, rows_of, table
 
 from sucre_bench import compare
@@ -73,14 +72,16 @@ class Block:
 
     @property
     def heads(self) -> list[str]:
-        return re.split(
-            r"\s{2,}", next(line for line in self.lines if line.startswith("method"))
-        )[1:]
+        place = next(n for n, line in enumerate(self.lines) if line.startswith("method"))
+        above = self.lines[place - 1]
+        if above.startswith(" "):  # their units stand beside "method"
+            return re.split(r"\s{2,}", above.strip())
+        return re.split(r"\s{2,}", self.lines[place])[1:]
 
     @property
     def names(self) -> list[str]:
         return [
-            line.split()[0] for line in self.lines if re.search(r"^(?!means)\S.*\d\s*$", line)
+            line.split()[0] for line in self.lines if re.search(r"^(?!views)\S.*\d\s*$", line)
         ]
 
     @property
@@ -119,10 +120,10 @@ def test_the_columns_that_decide_are_those_that_know_the_true_colours():
         "psi ↓",
         "de00 ↓",
         "filled",
-        "s/view",
+        "seconds",
     ]
     computed = dict.fromkeys(("colours_de00", "colours"), MANY["psnr"])
-    heads = ["colours_de00 ↓", "colours ↑", "psnr ↑", "psi ↓", "filled", "s/view"]
+    heads = ["colours_de00 ↓", "colours ↑", "psnr ↑", "psi ↓", "filled", "seconds"]
     assert printed(compared(MANY | computed)).heads == heads
 
 
@@ -186,33 +187,8 @@ def test_evidence_leads_only_by_its_name_with_how_well_it_agrees_with_truth():
     against = printed(compared({"uiqm": values}, baseline="first")).text
     assert re.search(r"By uiqm, .*\b6 of 10 .*: second", against)
     (comparison,) = compared({"uiqm": values})
-    for text in (as_text([comparison], "md"), as_text([comparison], "html")):
+    for text in (as_text([comparison], "md"), as_text([comparison], "latex")):
         assert re.search(r"By uiqm, .*\b6 of 10 .*second leads first", text)
-
-
-def test_a_lead_that_one_view_could_undo_is_called_that():
-    even, one = [1.0, 1.2, 0.8, 1.1, 0.9, 1.0], [0.4, 1.9, 0.4, 1.8, 0.3, 1.7]
-    for gains, view in ((even, ""), (one, "v001")):
-        (comparison,) = compared(
-            {"psnr": {"a": [20.0] * 6, "b": [20 + gain for gain in gains]}}
-        )
-        (verdict,) = compare.verdicts(comparison)
-        assert verdict.is_sure
-        assert verdict.undone_by == view
-        assert ("without" in printed([comparison]).text) == bool(view)
-
-
-def test_a_table_says_that_the_data_lack_a_truth_only_if_metrics_looked_for_it():
-    """Metrics of a reference and of charts were run, and neither is there; else the metrics are named as the reason."""
-    rows = rows_of({name: [0.0, 1, 2] for name in "ab"}, **KINDS["uciqe"])
-    lacks = [
-        rows.assign(metric=metric, status="skipped", reason=f"needs {of}")
-        for metric, of in (("psnr", "reference"), ("neutral", "charts"))
-    ]
-    tables = [compare.compare(pd.concat([rows, *lacks[:n]])) for n in range(3)]
-    said = [printed(one).text for one in tables]
-    assert [NO_TRUTH in text for text in said] == [True] * 3
-    assert ["No chart and no reference" in text for text in said] == [False, False, True]
 
 
 def test_a_table_says_in_words_what_is_wrong_with_the_pictures():
@@ -249,8 +225,7 @@ def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(
     options = json.dumps({"name": "gray_world", "dataset": {"name": dataset}})
     scores = {"a": [20.0] * 8, "b": [20 + gain for gain in gains]}
     text = printed([table(scores, options=options)]).text
-    assert bool(re.search(r"8 views \(neighbours .* worth [2-4] ", text)) == is_track
-    assert ("may be chance" in text) == is_track
+    assert ("which may be chance" in text) == is_track
 
 
 @pytest.mark.parametrize(
@@ -291,20 +266,6 @@ def test_ties_are_marked_over_any_number_of_views(views: int):
     assert len(re.findall(r"≈ \d", block.text)) == 1
     assert "which may be chance" in block.text
     assert ("rough" in block.text) == (views < 5)
-    assert "[" not in block.text
-
-
-def test_where_all_tie_nothing_is_marked_and_the_least_gap_that_shows_is_said():
-    """Four views, two methods: half of Student's interval of the differences -1.5, 1, -1, 1."""
-    gains = np.array([-1.5, 1, -1, 1])
-    least = scipy.stats.t.ppf(0.975, 3) * gains.std(ddof=1) / 2
-    views = np.array([20.0, 25, 30, 27])
-    text = printed(
-        compared({"psnr": {"a": views.tolist(), "b": (views - gains).tolist()}})
-    ).text
-    assert "≈" not in text
-    assert "no method differs from the best by more than chance in psnr" in text
-    assert f"only differences above {least:.2f} dB in psnr" in text
 
 
 def test_the_whole_table_marks_ties_with_and_without_intervals():
@@ -314,7 +275,7 @@ def test_the_whole_table_marks_ties_with_and_without_intervals():
         on_terminal(as_table(comparison, 80, intervals=intervals), width=80)
         for intervals in (False, True)
     ]
-    assert ["[" in text for text in shown] == [False, True]
+    assert [bool(re.search(r"25\.0 \[", text)) for text in shown] == [False, True]
     assert all("≈" in text for text in shown)
     assert all("rough" in text for text in shown)
 
@@ -322,8 +283,11 @@ def test_the_whole_table_marks_ties_with_and_without_intervals():
 def test_what_is_over_more_views_than_the_scores_says_so():
     taste = {"a": [1.0, 2, 3, 4], "b": [2.0, 3, 4, 5]}
     block = printed(compared({"psi": {"a": [4.0, 5], "b": [4.1, 4.8]}, "uciqe": taste}))
-    assert "means over 4 views" in block.text
-    assert "psi: over 2 views" in block.text
+    (views,) = (line.split() for line in block.lines if line.startswith("views"))
+    assert dict(zip(block.heads, views[1:], strict=True)) == {
+        "psi ↓": "2",
+        "seconds": "4",
+    }
 
 
 def test_the_photograph_beside_them_changes_no_difference_between_two_methods() -> None:
@@ -343,18 +307,18 @@ def test_the_photograph_beside_them_changes_no_difference_between_two_methods() 
         assert sorted(map(abs, found)) == pytest.approx(sorted(map(abs, behind)), abs=1e-9)
 
 
-def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_by_nothing():
+def test_against_a_baseline_equal_shares_of_pixels_differ_by_nothing():
     scores = {
         "psnr": {key: [1.0, 2, 4] for key in "abc"},
         "coverage": {"a": [1.0] * 3, "b": [1.0] * 3, "c": [0.6] * 3},
     }
     block = printed(compared(scores, baseline="a"))
     assert [line.split()[2] for line in block.lines if line[:2] in ("a ", "b ", "c ")] == [
-        "100",
+        "1.00",
         "0",
-        "-40",
+        "-0.400",
     ]
-    assert "≈" not in block.text
+    assert not re.search(r"≈ [\d+-]", block.text)
 
 
 def test_scores_that_differ_by_rounding_are_equal():
@@ -376,8 +340,8 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
             datasets=titles,
         )
     )
-    assert block.heads == ["0", "0.01", "0.02", "0.05"]
-    assert len(block.lines) < 8
+    assert block.heads == [f"noise={n}" for n in ("0", "0.01", "0.02", "0.05")]
+    assert len(block.lines) < 10
     tables = compared(
         {key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")},
         datasets=titles,
@@ -415,18 +379,3 @@ def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label
     assert label in block.text
     words = {*re.split(r"\s+", printed([comparison], 2000).text)}
     assert {*re.split(r"\s+", block.text)} <= words
-
-
-def test_a_method_that_an_option_does_not_reach_is_named():
-    """gray_world has the same scores with one and with three neighbours; sucre has others."""
-    scores = [20.0, 21, 22, 23, 24]
-    tables = [
-        table(
-            {"gray_world": scores, "sucre": [score + n for score in scores]},
-            dataset=f"sea,within={n}",
-        )
-        for n in (1, 3)
-    ]
-    text = printed(tables).text
-    assert re.search("gray_world: the same scores in all 2 tables of sea", text)
-    assert not re.search("sucre: the same scores", text)

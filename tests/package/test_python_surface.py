@@ -149,7 +149,7 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
     compared = sb.compare_methods(
         scene, ["underwater", "gray_world"], metrics=["uciqe"], views=[0]
     )
-    assert "<table" in compared._repr_html_()
+    assert "| method |" in compared._repr_markdown_()
 
 
 def test_scenes_are_opened_when_they_are_asked_for(tmp_path: Path):

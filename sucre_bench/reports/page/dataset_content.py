@@ -163,7 +163,7 @@ class Section:
             (column, plots.cost(self.table, column, seconds[0], self.places))
             for column in scores
         ]
-        lines = answer(self.table, self._deciding)
+        lines = answer(self.table.with_columns(self._deciding.columns))
         said = verdicts(self.table)
         return {
             "name": self.table.title,

@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import verdicts
 from sucre_bench.compare.documents import as_text, levels_as_text
-from sucre_bench.compare.words import verdict_text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.machine.files import write_atomically
@@ -154,9 +152,6 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         yield "csv", csv_text(pd.DataFrame(records), for_spreadsheets=True)
         return
     tables = results.comparisons
-    sentences = "".join(
-        f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table)
-    )
     csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
     if study.baseline:
         titled = [
@@ -165,6 +160,6 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         ]
         tables = [*itertools.chain(*zip(tables, titled, strict=True))]
     tables = [*tables, *results.parts]
-    yield "md", as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
+    yield "md", as_text(tables, "md", study.spread)
     yield "tex", as_text(tables, "latex", study.spread)
     yield "csv", csv

@@ -78,8 +78,8 @@ def test_each_level_has_a_best_of_its_own_and_methods_are_lines(tmp_path: Path):
     write(Study("s", along="degrade.depth_noise"), noisy(scores), tmp_path)
     table = (tmp_path / "tables/s.tex").read_text().partition(r"\end{tabular}")[0]
     lines = [line.split(" & ") for line in table.splitlines() if " & " in line]
-    assert [line[0] for line in lines] == ["method", "a", "b"]
-    assert [[r"\textbf" in cell for cell in line[1:]] for line in lines[1:]] == [
+    assert [line[0] for line in lines] == ["method", "a", "b", "views"]
+    assert [[r"\textbf" in cell for cell in line[1:]] for line in lines[1:-1]] == [
         [False, True],
         [True, False],
     ]
