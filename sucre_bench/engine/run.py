@@ -159,9 +159,9 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
                         run_alone(
                             "pairs of views", partial(score_across_views, planned), n_alone
                         )
-                    if compare.leaves_holes(results.merge(first.out)[0]):
-                        # else all methods fill the same pixels
-                        on_common_pixels = partial(score_on_common_pixels, planned, first.out)
+                    table = results.merge(first.out)
+                    if compare.leaves_holes(table[0]):  # else all methods fill the same pixels
+                        on_common_pixels = partial(score_on_common_pixels, planned, *table)
                         run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
             interrupted = True
