@@ -117,13 +117,10 @@ class CommonView:
 
     def is_scored(self, said: Row | None) -> bool:
         """Whether the table has the view's scores. said: the table's row that stands for the view."""
-        if (
-            said is None
-            or said.status == "failed"
-            or any(entrant.whole.time > said.time for entrant in self.entrants)
-        ):
+        if said is None or said.status == "failed":
             return False
-        return methods_of(said.options) == {*self.methods}
+        last = max(entrant.whole.time for entrant in self.entrants)
+        return last <= said.time and methods_of(said.options) == {*self.methods}
 
     def rows(self) -> list[Row]:
         """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""

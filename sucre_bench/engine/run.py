@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +26,7 @@ from sucre_bench.jobs.job import CONFIG, Job, config_text
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import RESULTS_MARK, check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
-from sucre_bench.machine.text_formats import keep_traceback, masked
+from sucre_bench.machine.text_formats import keep_traceback, masked, now
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import KEYS, restoration_rows, restorations, tuples, values_of
@@ -66,9 +66,6 @@ class Outcome:
 
     rows: DataFrame
     """The score table of the folder, on common pixels where methods fill different ones."""
-
-    stored: DataFrame
-    """The same, each score on its method's own pixels, as it is stored."""
 
     requested_rows: DataFrame
     """Those of `rows` of the requested restorations."""
@@ -142,6 +139,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
         check_results_folder(command.jobs[0].out)
         watch.start(command.jobs[0])
         planned = check(command)
+        started = now()
         first = command.jobs[0]
         _write_provenance(command, planned)
         watch.before(planned)
@@ -169,7 +167,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
             if not crashed:  # else jobs may still be at work on a cluster
                 _remove_shared(command)
             rows, common = results.merge(first.out)
-    return _outcome(rows, common, planned, interrupted, crashed)
+    return _outcome(rows, common, planned, started, interrupted, crashed)
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
@@ -236,26 +234,28 @@ def _remove_shared(command: Command) -> None:
 
 
 def _ends(
-    rows: DataFrame, planned: Sequence[Planned], missing: str
+    rows: DataFrame, planned: Sequence[Planned], started: str, missing: str
 ) -> Iterator[tuple[str, bool, Fault]]:
     """Yield of each requested restoration the status, whether it was stored, and the reason.
 
-    missing: the status of one that has no row.
+    started: when the run began; missing: the status of one that has no row since then.
     """
     restored = restoration_rows(rows)
     keys = ("dataset", "method", "scene", "view")
-    told = values_of(restored, *keys, "status", "reason", "time")
-    states = {state[:4]: state[4:] for state in told}
+    states = {
+        row[:4]: row[4:] for row in values_of(restored, *keys, "status", "reason", "time")
+    }
     for plan in planned:
         todo = {id(task) for task in plan.todo}
+        of_job = states.get((*plan.labels, "", ""))
         for task in plan.tasks:
             is_cached = id(task) not in todo
+            of_view = states.get((*plan.labels, task.base.scene, task.view.name))
             status = missing
             reason = "did not finish"
             # what became of the whole job, unless there is more of the view
-            for name in (("", ""), (task.base.scene, task.view.name)):
-                state = states.get((*plan.labels, *name))
-                if state and (is_cached or (*name, state[2]) not in plan.before):
+            for state in (of_job, of_view):
+                if state and (is_cached or state[2] >= started):
                     status, reason, _ = state
             yield status, is_cached, Fault(plan.name, task.view.name, reason)
 
@@ -268,22 +268,18 @@ def _of(rows: DataFrame, restorations: Container[tuple[str, ...]]) -> DataFrame:
 
 def _counted(
     job: Job,
-    labels: Iterable[tuple[str, ...]],
+    labels: Sequence[tuple[str, ...]],
     ends: Sequence[tuple[str, bool, Fault]],
     **more: Any,
 ) -> Outcome:
     """The outcome of jobs. labels: of their datasets and methods; ends: see `_ends`."""
-    datasets, methods = dict[str, None](), dict[str, None]()  # each once, in this order
-    for dataset, method in labels:
-        datasets[dataset] = None
-        methods[method] = None
 
     def faults(wanted: str) -> tuple[Fault, ...]:
         return tuple(fault for status, _, fault in ends if status == wanted)
 
     return Outcome(
-        datasets=tuple(datasets),
-        methods=tuple(methods),
+        datasets=tuple(dict.fromkeys(dataset for dataset, _ in labels)),
+        methods=tuple(dict.fromkeys(method for _, method in labels)),
         job=job,
         ok=len(faults("ok")),
         cached=sum(is_cached for status, is_cached, _ in ends if status == "ok"),
@@ -297,6 +293,7 @@ def _outcome(
     rows: DataFrame,
     common: DataFrame,
     planned: Sequence[Planned],
+    started: str,
     interrupted: bool,
     crashed: bool,
 ) -> Outcome:
@@ -317,9 +314,8 @@ def _outcome(
     return _counted(
         first,
         [plan.labels for plan in planned],
-        list(_ends(rows, planned, "missing" if interrupted else "failed")),
+        list(_ends(rows, planned, started, "missing" if interrupted else "failed")),
         rows=scores,
-        stored=rows,
         requested_rows=requested,
         scores_failed=tuple(
             Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason) for r in failed
@@ -339,13 +335,12 @@ def outcome_of(job: Job, started: str) -> Outcome:
     scores = compare.on_pixels(rows, common)
     return _counted(
         job,
-        values_of(restored, "dataset", "method"),
+        [*values_of(restored, "dataset", "method")],
         [
             (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
             for row in tuples(restored)
         ],
         rows=scores,
-        stored=rows,
         requested_rows=_of(scores, set(values_of(restored, *KEYS))),
         nothing_scored=not (fresh["status"] == "ok").any(),
     )
