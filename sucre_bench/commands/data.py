@@ -156,16 +156,11 @@ def _show(one: Described) -> None:
     terminal.out.print(table, soft_wrap=True)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
-    for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
-        click.echo(
-            f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}"
-        )
     if one.spread:
         terminal.show(f"measure  {one.spread.sentence(one.unit)}")
     for fault in one.faults:
         terminal.show(f"wrong    {fault}", style="yellow")
-    things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
-    click.echo(f"found    {things} wrong")
+    click.echo(f"found    {counted(len(one.faults), 'fault')}")
 
 
 def _facts(one: Described) -> dict[str, str]:
