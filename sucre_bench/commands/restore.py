@@ -116,8 +116,8 @@ def restore(
     for one in doubtful[:_MOST_LINES]:
         click.echo(f"{one.trust.value:10s}  {one.name}: {'; '.join(one.reasons)}")
     counts = Counter(one.trust.value for one in done.assessed)
-    words = ", ".join(f"{n} {word}" for word, n in counts.items())
-    click.echo(f"{words}; pictures.csv has a line for each picture")
+    told = ", ".join(f"{n} {word}" for word, n in counts.items())
+    click.echo(f"{told}; pictures.csv has a line for each picture")
     if done.together:
         trust = _of_water(done.together)
     else:
