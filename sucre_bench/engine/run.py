@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame, evenly
@@ -70,7 +69,7 @@ class Outcome:
     requested_rows: DataFrame
     """Those of `rows` of the requested restorations."""
 
-    # Labels, in the order of the command.
+    # Labels of the requested restorations, in the order of the command.
     datasets: tuple[str, ...]
     methods: tuple[str, ...]
 
@@ -84,14 +83,14 @@ class Outcome:
     nothing_scored: bool
     """Whether metrics were requested, and none of them has a value for any view."""
 
-    cached: int = 0
-    scores_failed: tuple[Fault, ...] = ()
-    interrupted: bool = False
+    cached: int
+    scores_failed: tuple[Fault, ...]
+    interrupted: bool
 
-    crashed: bool = False
+    crashed: bool
     """Whether a process ended unexpectedly."""
 
-    hints: tuple[Hint, ...] = ()
+    hints: tuple[Hint, ...]
     """What to type against faults, one a method."""
 
     @property
@@ -166,8 +165,10 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
         finally:
             if not crashed:  # else jobs may still be at work on a cluster
                 _remove_shared(command)
-            rows, common = results.merge(first.out)
-    return _outcome(rows, common, planned, started, interrupted, crashed)
+            table = results.merge(first.out)
+    missing = "missing" if interrupted else "failed"
+    ends = [*_ends(table[0], planned, started, missing)]
+    return _outcome(first, table, _requested(planned), ends, interrupted, crashed)
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
@@ -266,97 +267,82 @@ def _of(rows: DataFrame, restorations: Container[tuple[str, ...]]) -> DataFrame:
     return rows.loc[is_of].reset_index(drop=True)
 
 
-def _counted(
+def _requested(planned: Sequence[Planned]) -> dict[tuple[str, ...], set[str]]:
+    """The names of the metrics of each requested restoration."""
+    metrics = defaultdict[tuple[str, ...], set[str]](set)
+    for plan in planned:
+        dataset, method = plan.labels
+        names = {metric.plugin.name for metric in plan.job.metrics}
+        for task in plan.tasks:
+            metrics[dataset, task.base.scene, task.view.name, method] |= names
+    return metrics
+
+
+def outcome_of(job: Job, started: str) -> Outcome:
+    """Return the outcome of jobs that another sweeper chose, whose rows are from this time on."""
+    table = results.merge(job.out)
+    restored = restoration_rows(table[0])
+    fresh = restored[restored["time"] >= started]
+    names = {metric.plugin.name for metric in job.metrics}
+    ends = [
+        (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
+        for row in tuples(fresh)
+    ]
+    return _outcome(job, table, dict.fromkeys(values_of(fresh, *KEYS), names), ends)
+
+
+def _outcome(
     job: Job,
-    labels: Sequence[tuple[str, ...]],
+    table: tuple[DataFrame, DataFrame],
+    metrics: Mapping[tuple[str, ...], set[str]],
     ends: Sequence[tuple[str, bool, Fault]],
-    **more: Any,
+    interrupted: bool = False,
+    crashed: bool = False,
 ) -> Outcome:
-    """The outcome of jobs. labels: of their datasets and methods; ends: see `_ends`."""
+    """Count what became of the requested restorations and scores.
+
+    table: after the run, see `results.merge`; metrics: of each requested restoration; ends: see `_ends`.
+    """
+    rows = compare.on_pixels(*table)
+    requested = _of(rows, metrics)
+    is_asked = [
+        name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
+    ]
+    asked = requested.loc[is_asked]
 
     def faults(wanted: str) -> tuple[Fault, ...]:
         return tuple(fault for status, _, fault in ends if status == wanted)
 
     return Outcome(
-        datasets=tuple(dict.fromkeys(dataset for dataset, _ in labels)),
-        methods=tuple(dict.fromkeys(method for _, method in labels)),
+        rows=rows,
+        requested_rows=requested,
+        datasets=tuple(dict.fromkeys(key[0] for key in metrics)),
+        methods=tuple(dict.fromkeys(key[-1] for key in metrics)),
         job=job,
         ok=len(faults("ok")),
         cached=sum(is_cached for status, is_cached, _ in ends if status == "ok"),
         failed=faults("failed"),
         skipped=faults("skipped"),
-        **more,
-    )
-
-
-def _outcome(
-    rows: DataFrame,
-    common: DataFrame,
-    planned: Sequence[Planned],
-    started: str,
-    interrupted: bool,
-    crashed: bool,
-) -> Outcome:
-    """Count what became of the requested restorations and scores. rows, common: the table after the run."""
-    metrics = defaultdict[tuple[str, ...], set[str]](set)  # of each requested restoration
-    for plan in planned:
-        names = {metric.plugin.name for metric in plan.job.metrics}
-        for task in plan.tasks:
-            metrics[plan.labels[0], task.base.scene, task.view.name, plan.labels[1]] |= names
-    first = planned[0].job
-    scores = compare.on_pixels(rows, common)
-    requested = _of(scores, metrics)
-    is_asked = [
-        name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
-    ]
-    asked = requested.loc[is_asked]
-    failed = tuples(asked[asked["status"] == "failed"])
-    return _counted(
-        first,
-        [plan.labels for plan in planned],
-        list(_ends(rows, planned, started, "missing" if interrupted else "failed")),
-        rows=scores,
-        requested_rows=requested,
         scores_failed=tuple(
-            Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason) for r in failed
+            Fault(f"{row.dataset} / {row.method} / {row.metric}", row.view, row.reason)
+            for row in tuples(asked[asked["status"] == "failed"])
         ),
         interrupted=interrupted,
         crashed=crashed,
         nothing_scored=any(metrics.values()) and not (asked["status"] == "ok").any(),
-        hints=tuple(_hints(planned, _of(restorations(rows), metrics), first.out)),
+        hints=tuple(_hints(_of(restorations(table[0]), metrics), job.out)),
     )
 
 
-def outcome_of(job: Job, started: str) -> Outcome:
-    """Return the outcome of jobs that another sweeper chose, whose rows are from this time on."""
-    rows, common = results.merge(job.out)
-    fresh = rows[rows["time"] >= started]
-    restored = restoration_rows(fresh)
-    scores = compare.on_pixels(rows, common)
-    return _counted(
-        job,
-        [*values_of(restored, "dataset", "method")],
-        [
-            (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
-            for row in tuples(restored)
-        ],
-        rows=scores,
-        requested_rows=_of(scores, set(values_of(restored, *KEYS))),
-        nothing_scored=not (fresh["status"] == "ok").any(),
-    )
-
-
-def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
+def _hints(restored: DataFrame, out: Path) -> Iterator[Hint]:
     """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
 
     restored: the rows of restored views. Hints that differ by numbers alone are one.
     """
-    by_labels = dict(iter(restored.groupby(["dataset", "method"])))
-    for labels in dict.fromkeys(plan.labels for plan in planned):
-        rows = by_labels.get(labels, restored[:0])
-        rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
+    for labels, rows in restored.groupby(["dataset", "method"], sort=False):
+        some = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
         kinds, first = Counter[str](), dict[str, str]()
-        for row in tuples(rows):
+        for row in tuples(some):
             try:
                 found = read_record(row, out).get("hints", ())
             except InputError:  # damaged; the picture may be whole
@@ -366,4 +352,4 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
             first = of_view | first
         if kinds:
             kind, n_views = kinds.most_common(1)[0]
-            yield Hint(" / ".join(labels), n_views, len(rows), first[kind])
+            yield Hint(" / ".join(labels), n_views, len(some), first[kind])
