@@ -97,22 +97,16 @@ def describe(
                 "--write-set",
                 remedy,
             )
+    sheets = [Path(f"{file_name(one.scene.name)}-sheet.png") for one in selections]
+    if no_sheet:
+        sheets = []
+    elif sheet:
+        sheets = [sheet]
+    if sheet and len(selections) > 1:
+        raise InputError("there are several scenes", "--sheet", "leave it out")
     with progress.live():
-        # Of one scene the given file; else each sheet is named after its scene.
-        like = sheet or Path("sheet.png")
-        sheets = [
-            like.with_name(f"{file_name(selection.scene.name)}-sheet{like.suffix}")
-            for selection in selections
-        ]
-        if no_sheet:
-            sheets = []
-        elif sheet and len(sheets) == 1:
-            sheets = [sheet]
         inputs = [
-            file
-            for selection in selections
-            for view in selection.views
-            for file in source_files(view)
+            file for one in selections for view in one.views for file in source_files(view)
         ]
         for path in sheets:
             check_output(path, "contact sheet", inputs, force or sheet is None)
