@@ -244,10 +244,9 @@ def check(
         seconds = sum(outcome.seconds for outcome in outcomes)
         show("  ", Text(", ").join(parts), f" in {seconds:.1f} s")
         rules = [
-            {name: value for name, value in outcome._asdict().items() if value != ""}
-            | {
+            {
+                **outcome._asdict(),
                 "status": outcome.status,
-                "seconds": round(outcome.seconds, 3),
                 "findings": [finding._asdict() for finding in outcome.findings],
             }
             for outcome in outcomes
