@@ -14,7 +14,7 @@ import click
 
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
-from sucre_bench.machine import progress
+from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.files import check_folder, check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.programs.verify import TOLERANCE
@@ -162,7 +162,7 @@ def verify(
     if not data and found.needs_data:
         words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
         made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
-        shared.echo_wrapped(f"more     {words}{made}", 9)
+        terminal.show(f"more     {words}{made}")
     if not holds:
         verdict = "NOT verified: something differs"
     elif found.is_whole:
@@ -171,7 +171,7 @@ def verify(
         verdict = f"in part: every hash holds, {found.n_agree} of {found.n_scores} scores were computed again and agree"
     else:
         verdict = "hashes hold; no score could be computed again"
-    shared.echo_wrapped(verdict)
+    terminal.show(verdict)
     sys.exit(0 if holds else 1)
 
 
@@ -197,10 +197,9 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
     common = f" ({found.n_common} on common pixels)" if found.n_common else ""
-    shared.echo_wrapped(
+    terminal.show(
         f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or rounding "
-        f"(largest difference {100 * found.largest:.2g} %), {len(found.differing)} differ, {n_not} not computed again",
-        9,
+        f"(largest difference {100 * found.largest:.2g} %), {len(found.differing)} differ, {n_not} not computed again"
     )
     for reason, count in found.unchecked.items():
         click.echo(f"         {count}: {reason}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from sucre_bench.machine import terminal
 from sucre_bench.machine.text_formats import json_text
 
 if TYPE_CHECKING:
@@ -112,17 +110,6 @@ def labels_of(text: str) -> list[str]:
         elif word and word not in labels:
             labels.append(word)
     return labels
-
-
-def echo_wrapped(text: str, indent: int = 2) -> None:
-    """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
-    width = terminal.out.width
-    rest = " " * indent
-    click.echo(
-        textwrap.fill(
-            text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False
-        )
-    )
 
 
 def say_whether_measurable(planned: Sequence[Planned]) -> None:

@@ -137,7 +137,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         metrics.add_row(title, number(one.tau), interval, predicted, str(one.n))
     terminal.out.print(preferences)
     for line in _sentences(found):
-        shared.echo_wrapped(line)
+        terminal.show(line)
     click.echo()
     if metrics.row_count:
         terminal.out.print(metrics)
