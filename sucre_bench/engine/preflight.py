@@ -176,7 +176,9 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     if job.views is not None:
         names = {view.name for _, view, _ in every}
         if unknown := [name for name in job.views if name not in names]:
-            hint = did_you_mean(unknown[0], names)
+            hint = f"there are {len(names)} others"
+            if len(names) < 20:
+                hint = did_you_mean(unknown[0], names)
             raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
         chosen = set(job.views)
         every = [one for one in every if one[1].name in chosen]
