@@ -161,8 +161,7 @@ def verify(
     _print_outcome(found, tolerance)
     if not data and found.needs_data:
         words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
-        made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
-        terminal.show(f"more     {words}{made}")
+        terminal.show(f"more     {words}")
     if not holds:
         verdict = "NOT verified: something differs"
     elif found.is_whole:

@@ -38,7 +38,7 @@ from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.provenance import require
 from sucre_bench.machine.text_formats import short_hash
-from sucre_bench.plugins.options import Choice, options_of, source_hash
+from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
@@ -109,7 +109,8 @@ def open_scenes(dataset: Choice) -> list[Scene]:
 def _open(dataset: Choice) -> list[Scene]:
     where = f"dataset '{dataset.label}'"
     try:
-        scenes = list(dataset.make().scenes())
+        made = dataset.make()
+        scenes = list(made.scenes())
     except SucreBenchError:
         raise
     except OSError as fault:
@@ -136,22 +137,18 @@ def _open(dataset: Choice) -> list[Scene]:
             raise InputError(f"{times} scenes are called '{name}'", where, "rename a folder")
     if not any(map(len, scenes)):
         raise InputError("no views", where, "check its options")
-    _say_passed_over(dataset, scenes)
+    _say_passed_over(dataset, vars(made).values(), scenes)
     return scenes
 
 
-def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
+def _say_passed_over(dataset: Choice, options: Iterable[Any], scenes: Sequence[Scene]) -> None:
     """Say what lies unread in the folders that the dataset's options name, and beside what its views read."""
     read = {file for scene in scenes for view in scene.views for file in source_files(view)}
     folder = dataset.options.get("root")
     if not read or not folder:
         return
     root = expanded(folder)
-    default = {option.name: option.default for option in options_of(dataset.plugin.cls)}
-    values = {**default, **dataset.options}.values()
-    named = [
-        root / expanded(value) for value in values if isinstance(value, str | Path) and value
-    ]
+    named = [root / expanded(one) for one in options if isinstance(one, str | Path) and one]
     folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
     read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
     say_passed_over(root, sorted(folders), read, beside=not dataset.plugin.licence)
