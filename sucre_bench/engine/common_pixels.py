@@ -190,6 +190,17 @@ def _common_views(
     rows: of the score table; metrics: those asked for, of one name the last counts; source: what reads a restoration;
     log, limit_s: see `Scorer`.
     """
+    wholes = defaultdict[ViewKey, list[Row]](list)
+    for row in row_objects(filled_restorations(rows)):
+        if _key(row) in views:
+            wholes[_key(row)].append(row)
+    differing = {
+        key: found
+        for key, found in wholes.items()
+        if len(found) > 1 and any(row.coverage < 1 for row in found)
+    }
+    if not differing:
+        return []
     by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
     versions = {
         (scorer.plugin.name, scorer.code): scorer
@@ -200,17 +211,15 @@ def _common_views(
     for row in row_objects(rows[is_score & rows["metric"].isin(by_name)]):
         # None: the run asks for another version of the metric, or for other options
         scorer = versions.get((row.metric, RowCode.read(row.code).metric))
-        if scorer:
+        if scorer and _key(row) in differing:
             scores[row.method, _key(row)].append((row, scorer))
-    entrants = defaultdict[ViewKey, list[Entrant]](list)
-    for row in row_objects(filled_restorations(rows)):
-        if _key(row) in views:
-            entrant = Entrant(row, source(row), scores[row.method, _key(row)])
-            entrants[_key(row)].append(entrant)
     return [
-        CommonView(views[key], found, log)
-        for key, found in entrants.items()
-        if len(found) > 1 and any(entrant.whole.coverage < 1 for entrant in found)
+        CommonView(
+            views[key],
+            [Entrant(row, source(row), scores[row.method, key]) for row in found],
+            log,
+        )
+        for key, found in differing.items()
     ]
 
 
