@@ -104,34 +104,34 @@ def _print_line(name: str, about: Mapping[str, Any]) -> None:
 
 
 # What `list NAME` shows of a plugin or a set, below its description.
-_SHOWN = {
-    "recognised": "",
-    "better": "better",
-    "unit": "unit",
-    "needs": "needs",
-    "has": "has",
-    "signs": "known by",
-    "source": "source",
-    "proven": "proven",
-    "licence": "licence",
-    "cites": "cites",
-    "differs": "differs",
-    "opinions": "opinions",
-    "used_by": "used by",
-}
+_SHOWN = (
+    "recognised",
+    "better",
+    "unit",
+    "needs",
+    "has",
+    "signs",
+    "source",
+    "proven",
+    "licence",
+    "cites",
+    "differs",
+    "opinions",
+    "used_by",
+)
 
 
 def _print_entry(about: Mapping[str, Any]) -> None:
     """Print all of a plugin, preset or set, a paragraph a fact."""
     terminal.show((about["name"], "bold"), (f"  {_lack(about)}", "red"))
     _print_fact("", about.get("description", ""))
-    for key, title in _SHOWN.items():
+    for key in _SHOWN:
         value = about.get(key, "")
         if isinstance(value, dict):
             value = [f"{study}: {score:g}" for study, score in value.items()]
         text = value if isinstance(value, str) else ", ".join(value)
         if text:
-            _print_fact(title, text)
+            _print_fact(key.replace("_", " "), text)
     for name, said in about.get("variants", {}).items():
         when = "" if name in about["default"] else " (if asked for)"
         _print_fact(f"{about['name']}:{name}{when}", said)
@@ -236,13 +236,9 @@ def check(
                 if level != "note":
                     show(f"      {text}", style=style)
         counts = Counter(outcome.status for outcome in outcomes)
-        parts = [
-            Text(f"{counts[status]} {name}", style)
-            for status, (_, style, name) in _SIGNS.items()
-            if counts[status]
-        ]
         seconds = sum(outcome.seconds for outcome in outcomes)
-        show("  ", Text(", ").join(parts), f" in {seconds:.1f} s")
+        words = [f"{counts[key]} {name}" for key, (_, _, name) in _SIGNS.items() if counts[key]]
+        show(f"  {', '.join(words)} in {seconds:.1f} s")
         rules = [
             {
                 **outcome._asdict(),
