@@ -29,7 +29,7 @@ def read_water(given: Any) -> Water:
         encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     try:
-        numbers = np.array(parts, dtype=np.float64)
+        numbers = np.empty(0) if np.iscomplexobj(given) else np.array(parts, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
     if numbers.size != 9:

@@ -114,21 +114,15 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     >>> load_scene("demo", views=2, width=160, height=120)["view_001.png"].rgb.shape
     (120, 160, 3)
     """
-    where = f"dataset '{name}'"
-    names = []
+    scenes = dict[str, Scene]()
     for found in load_scenes(name, **options):
         if found.name == scene:
             return found
-        names.append(found.name)
-        only = found
-    if not names:
-        raise InputError("has no scene", where, "check its options")
-    if scene:
-        raise InputError(f"has no scene '{scene}'", where, did_you_mean(scene, names))
-    if len(names) > 1:
-        remedy = f"give scene=, one of {', '.join(names)}"
-        raise InputError(f"has {len(names)} scenes", where, remedy)
-    return only
+        scenes[found.name] = found
+    if len(scenes) == 1 and not scene:
+        return found
+    fault = f"has no scene '{scene}'" if scene else f"has {len(scenes)} scenes"
+    raise InputError(fault, f"dataset '{name}'", did_you_mean(scene, scenes))
 
 
 @checked
