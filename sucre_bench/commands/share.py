@@ -147,11 +147,7 @@ def verify(
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     holds = found.holds and not is_other
     if as_json:
-        differing = [
-            {k: str(v) if isinstance(v, float) and v - v else v for k, v in asdict(one).items()}
-            for one in found.differing
-        ]
-        shared.print_json({**asdict(found), "differing": differing, "holds": holds})
+        shared.print_json({**asdict(found), "holds": holds})
         sys.exit(0 if holds else 1)
     if is_other:
         say(
