@@ -35,7 +35,7 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import Shard
 from sucre_bench.loading.passed_over import say_passed_over
 from sucre_bench.loading.view_files import source_files, with_shared_pixels
-from sucre_bench.machine.files import expanded
+from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
 from sucre_bench.machine.text_formats import short_hash
 from sucre_bench.plugins.options import Choice, source_hash
@@ -115,6 +115,8 @@ def _open(dataset: Choice) -> list[Scene]:
         raise
     except OSError as fault:
         file = where if fault.filename is None else os.fsdecode(fault.filename)
+        if is_want_of_room(fault):
+            raise not_writable(Path(file), fault) from fault
         remedy = "let this user read it, or give another path"
         raise file_error(file, fault, remedy) from fault
     except ImportError as fault:
