@@ -79,21 +79,16 @@ def describe(
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
-        # Of one scene the given file; else each sheet is named after its scene.
-        like = sheet or Path("sheet.png")
-        sheets = [
-            like.with_name(f"{file_name(selection.scene.name)}-sheet{like.suffix}")
-            for selection in selections
-        ]
-        if no_sheet:
-            sheets = []
-        elif sheet and len(sheets) == 1:
-            sheets = [sheet]
+    sheets = [Path(f"{file_name(one.scene.name)}-sheet.png") for one in selections]
+    if no_sheet:
+        sheets = []
+    elif sheet:
+        sheets = [sheet]
+    if sheet and len(selections) > 1:
+        raise InputError("there are several scenes", "--sheet", "leave it out")
+    with progress.live():
         inputs = [
-            file
-            for selection in selections
-            for view in selection.views
-            for file in source_files(view)
+            file for one in selections for view in one.views for file in source_files(view)
         ]
         for path in sheets:
             check_output(path, "contact sheet", inputs, force or sheet is None)
@@ -133,16 +128,11 @@ def _show(one: Described) -> None:
     terminal.out.print(table, soft_wrap=True)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
-    for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
-        click.echo(
-            f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}"
-        )
     if one.spread:
         terminal.show(f"measure  {one.spread.sentence(one.unit)}")
     for fault in one.faults:
         terminal.show(f"wrong    {fault}", style="yellow")
-    things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
-    click.echo(f"found    {things} wrong")
+    click.echo(f"found    {counted(len(one.faults), 'fault')}")
 
 
 def _facts(one: Described) -> dict[str, str]:

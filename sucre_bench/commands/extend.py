@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.padding import Padding
 from rich.text import Text
 
 from sucre_bench import plugins
@@ -56,19 +56,16 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     if as_json:
         shared.print_json(chosen if what == "degradations" else [*chosen.values()])
     elif what == "degradations":
-        for name, about in chosen.items():
-            _show(_option_lines(name, about))
-    elif what == "experiments":
-        _show(f"{name}  {about['description']}" for name, about in chosen.items())
-    elif names or what == "sets":
-        texts = ["\n".join(_entry(what, about)) for about in chosen.values()]
-        if what == "metrics":
-            texts.append("metric:variant, * computed unless others are asked for")
-        _show(["\n\n".join(texts)])
+        _print_options(chosen)
+    elif what == "sets" or (names and what != "experiments"):
+        for about in chosen.values():
+            _print_entry(about)
     else:
         width = max(map(len, chosen))
-        _show(_line(f"{name:{width}}  ", about) for name, about in chosen.items())
-        _show(["", f"options and publication: sucre-bench list {what} NAME"])
+        for name, about in chosen.items():
+            _print_line(f"{name:{width}}  ", about)
+        if what != "experiments":
+            terminal.show(f"\noptions and publication: sucre-bench list {what} NAME")
 
 
 def _known(what: str) -> dict[str, dict[str, Any]]:
@@ -89,10 +86,6 @@ def _known(what: str) -> dict[str, dict[str, Any]]:
     return known
 
 
-def _show(lines: Iterable[str]) -> None:
-    terminal.show(Text.from_ansi("\n".join(lines)))
-
-
 def _lack(about: Mapping[str, Any]) -> str:
     """Why a plugin cannot be used here; empty if it can."""
     if "broken" in about:
@@ -100,68 +93,64 @@ def _lack(about: Mapping[str, Any]) -> str:
     return f"not installed: {about['install']}" if about.get("install") else ""
 
 
-def _line(name: str, about: Mapping[str, Any]) -> str:
-    """A name with the first words about it, or why it cannot be used."""
+def _print_line(name: str, about: Mapping[str, Any]) -> None:
+    """Print a name with the first words about it, or why it cannot be used."""
     if lack := _lack(about):
-        return click.style(name + lack, fg="red")
-    room = max(60, shutil.get_terminal_size().columns) - len(name)
+        terminal.show(name + lack, style="red")
+        return
+    room = max(60, terminal.out.width) - len(name)
     said = textwrap.shorten(about["description"], room, placeholder=" …")
-    return click.style(name, bold=True) + said
+    terminal.show((name, "bold"), said)
 
 
 # What `list NAME` shows of a plugin or a set, below its description.
-_SHOWN = {
-    "recognised": "",
-    "needs": "needs",
-    "has": "has",
-    "signs": "known by",
-    "source": "source",
-    "proven": "proven",
-    "licence": "licence",
-    "cites": "cites",
-    "differs": "differs",
-    "opinions": "opinions",
-    "used_by": "",
-}
+_SHOWN = (
+    "recognised",
+    "better",
+    "unit",
+    "needs",
+    "has",
+    "signs",
+    "source",
+    "proven",
+    "licence",
+    "cites",
+    "differs",
+    "opinions",
+    "used_by",
+)
 
 
-def _entry(what: str, about: Mapping[str, Any]) -> Iterator[str]:
-    """All of a plugin, preset or set: a line a fact, in colour, wrapped to the terminal."""
-    lack = click.style(f"  {_lack(about)}", fg="red") if _lack(about) else ""
-    yield click.style(about["name"], bold=True) + lack
-    yield from _wrapped("", about.get("description", ""))
-    if "better" in about:
-        direction = "describes" if about["better"] == "none" else f"{about['better']} is better"
-        yield from _wrapped(
-            "", f"{direction}, in {about['unit']}" if about["unit"] else direction
-        )
-    for key, title in _SHOWN.items():
+def _print_entry(about: Mapping[str, Any]) -> None:
+    """Print all of a plugin, preset or set, a paragraph a fact."""
+    terminal.show((about["name"], "bold"), (f"  {_lack(about)}", "red"))
+    _print_fact("", about.get("description", ""))
+    for key in _SHOWN:
         value = about.get(key, "")
         if isinstance(value, dict):
             value = [f"{study}: {score:g}" for study, score in value.items()]
         text = value if isinstance(value, str) else ", ".join(value)
         if text:
-            yield from _wrapped(f"{title}  " if title and what != "sets" else "", text)
+            _print_fact(key.replace("_", " "), text)
     for name, said in about.get("variants", {}).items():
-        star = "*" if name in about["default"] else ""
-        yield from _wrapped(f"{about['name']}:{name}{star}  ", said)
-    for name, option in about.get("options", {}).items():
-        yield from _option_lines(name, option)
+        when = "" if name in about["default"] else " (if asked for)"
+        _print_fact(f"{about['name']}:{name}{when}", said)
+    _print_options(about.get("options", {}))
+    click.echo()
 
 
-def _option_lines(name: str, about: Mapping[str, Any]) -> list[str]:
-    words = about.get("choices") or [*about.get("words", ()), "..."]
-    choices = f" ({'|'.join(words)})" if len(words) > 1 else ""
-    default = "none" if about["default"] is None else about["default"]
-    given = "" if default == "must be given" else f"={default}"
-    return _wrapped(f"{name}{given}{choices}  ", about.get("help", ""))
+def _print_options(options: Mapping[str, Mapping[str, Any]]) -> None:
+    for name, about in options.items():
+        words = about.get("choices") or [*about.get("words", ()), "..."]
+        choices = f" ({'|'.join(words)})" if len(words) > 1 else ""
+        default = "null" if about["default"] is None else about["default"]
+        given = "" if default == "must be given" else f"={default}"
+        _print_fact(f"{name}{given}{choices}", about.get("help", ""))
 
 
-def _wrapped(head: str, text: str) -> list[str]:
-    width = max(60, shutil.get_terminal_size().columns)
-    return textwrap.wrap(
-        head + text, width, initial_indent="    ", subsequent_indent="        "
-    )
+def _print_fact(title: str, text: str) -> None:
+    said = Text.assemble((f"{title}  " if title else "", "bold"), text)
+    terminal.out.print(Padding(said, (0, 0, 0, 4)), soft_wrap=False)
 
 
 @click.command()
@@ -234,18 +223,13 @@ def check(
             for _, text in outcome.findings:
                 show(f"      {text}", style=style)
         counts = Counter(outcome.status for outcome in outcomes)
-        parts = [
-            Text(f"{counts[status]} {name}", style)
-            for status, (_, style, name) in _SIGNS.items()
-            if counts[status]
-        ]
         seconds = sum(outcome.seconds for outcome in outcomes)
-        show("  ", Text(", ").join(parts), f" in {seconds:.1f} s")
+        words = [f"{counts[key]} {name}" for key, (_, _, name) in _SIGNS.items() if counts[key]]
+        show(f"  {', '.join(words)} in {seconds:.1f} s")
         rules = [
-            {name: value for name, value in outcome._asdict().items() if value != ""}
-            | {
+            {
+                **outcome._asdict(),
                 "status": outcome.status,
-                "seconds": round(outcome.seconds, 3),
                 "findings": [finding._asdict() for finding in outcome.findings],
             }
             for outcome in outcomes

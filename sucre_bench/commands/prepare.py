@@ -1,6 +1,5 @@
 """`sucre-bench prepare`: makes a scene of photographs."""
 
-import shlex
 import sys
 from pathlib import Path
 from typing import Any, get_args
@@ -132,7 +131,6 @@ def prepare(
     Exit codes: 0, the scene is made; 1, no photo of it has depth; 2, the command has a mistake, or no photos can be
     related; 130, stopped.
     """
-    from sucre_bench.jobs.word_syntax import quoted
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.scale import known_scale
     from sucre_bench.programs.prepare.shots import load_pycolmap
@@ -170,11 +168,3 @@ def prepare(
     if not covered:
         click.echo("depth    no photo has any, so no method that needs depth can restore them")
         sys.exit(1)
-    restored = out.with_name(f"{out.name}-restored")
-    click.echo(
-        f"pictures sucre-bench restore {shlex.quote(str(out))} {shlex.quote(str(restored))}"
-    )
-    root = shlex.quote(f"dataset.root={quoted(str(out))}")
-    click.echo(
-        f"compare  sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true"
-    )

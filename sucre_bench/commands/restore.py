@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,11 +18,10 @@ from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.restore.pipeline import Options, Source
-    from sucre_bench.programs.restore.trust import Assessed
     from sucre_bench.programs.restore.write import Restored
 
 _MOST_NAMED = 5
-_MOST_LINES = 40  # pictures that get a line
+_MOST_LINES = 40  # doubtful pictures that get a line
 
 
 @click.command()
@@ -84,6 +83,7 @@ def restore(
     2, the command has a mistake; 130, stopped.
     """
     from sucre_bench.programs.restore import pipeline
+    from sucre_bench.programs.restore.trust import Trust
 
     inputs = [source, *([photos] if photos else [])]
     check_working_folder(out, "work/restore.json", inputs)
@@ -112,44 +112,22 @@ def restore(
     for limit, n in Counter(limit for one in done.together for limit in one.limits).items():
         if 2 * n > len(done.together):  # what fewer pictures have stays in their records
             click.echo(f"the dive: {limit}")
-    for line in _lines(done.assessed):
-        click.echo(line)
-    trust = "Nothing measured the water: these are balanced colours, not true ones."
-    if unplaced:
-        trust = f"Each is restored alone, by {options.single_view}, because {unplaced}. {trust}"
-    if together := len(done.together):
+    doubtful = [one for one in done.assessed if one.trust is not Trust.GOOD]
+    for one in doubtful[:_MOST_LINES]:
+        click.echo(f"{one.trust.value:10s}  {one.name}: {'; '.join(one.reasons)}")
+    counts = Counter(one.trust.value for one in done.assessed)
+    told = ", ".join(f"{n} {word}" for word, n in counts.items())
+    click.echo(f"{told}; pictures.csv has a line for each picture")
+    if done.together:
         trust = _of_water(done.together)
-        measured = [one.measured for one in done.together if "beta" in one.record]
-        if measured:
-            others = "have a measured distance, and the others balanced colours"
-            of = f" of {counted(together, 'picture')}" if together < len(done.names) else ""
-            trust += f"; {sum(measured) / together:.0%} of the pixels{of} {others}"
-        alone = len(done.names) - together - done.n_instead
-        if alone:
-            trust += f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
-        trust += "."
+    else:
+        why = f", because {unplaced}" if unplaced else ""
+        trust = f"Each is restored alone{why}: these are balanced colours, not true ones"
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(
-        f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}"
+        f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}."
     )
     sys.exit(1 if done.faults or done.has_failed else 0)
-
-
-def _lines(assessed: Sequence[Assessed]) -> Iterator[str]:
-    """Yield a line a picture; of many pictures, those that are not good."""
-    from sucre_bench.programs.restore.trust import Trust
-
-    shown = [
-        one for one in assessed if one.trust is not Trust.GOOD or len(assessed) <= _MOST_LINES
-    ]
-    for one in shown[:_MOST_LINES]:
-        why = f": {'; '.join(one.reasons)}" if one.reasons else ""
-        yield f"{one.trust.value:10s}  {one.name}{why}"
-    if len(assessed) > _MOST_LINES:
-        counts = ", ".join(
-            f"{n} {trust.value}" for trust, n in Counter(one.trust for one in assessed).items()
-        )
-        yield f"{counts}; pictures.csv has a line for each picture"
 
 
 def _of_water(together: Sequence[Restored]) -> str:
@@ -157,10 +135,12 @@ def _of_water(together: Sequence[Restored]) -> str:
     from sucre_bench.programs.restore.trust import why_not_measured
 
     reasons = Counter(why_not_measured(one.record) for one in together)
-    reason, n = max(reasons.items(), key=lambda pair: (pair[0] != "", pair[1]))
-    if not reason:
-        return "The water was measured"
-    pictures = "" if n == len(together) else f" of {counted(n, 'picture')}"
+    n_measured = reasons.pop("", 0)
+    if not reasons:
+        share = sum(one.measured for one in together) / len(together)
+        return f"The water was measured, at {share:.0%} of their pixels"
+    (reason, _), *_ = reasons.most_common(1)
+    pictures = f" of {counted(len(together) - n_measured, 'picture')}" if n_measured else ""
     return f"The water{pictures} was not measured: {reason}"
 
 

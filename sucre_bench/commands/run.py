@@ -169,7 +169,7 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
             logs.append(block.enter_context(Live(job)))
 
     def before(planned: Sequence[Planned]) -> None:
-        shared.say_what_views_show(planned)
+        shared.say_whether_measurable(planned)
         floor.append(shared.floor_of_psi(planned))
         for log in logs:
             log.follow(planned)

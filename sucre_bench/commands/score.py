@@ -44,8 +44,7 @@ _MOST_VARIANTS = 10  # that a table shows
     metavar="TABLE.csv|METRIC=NUMBER,...",
     help="Say what these published numbers are: means, or a table of one row an image or folder, one column a metric.",
 )
-@shared.option("--format", "how", of=("terminal", "csv", "json"), help="Format of the scores.")
-@shared.flag("--json", "as_json", help="The same as --format json.")
+@shared.json_option
 @shared.path_option("--csv", "file", help="Also write every score to this CSV file.")
 @shared.plugin_option
 @shared.force_option
@@ -54,7 +53,6 @@ def score(
     reference: Path | None,
     metrics: str,
     like: str | None,
-    how: str,
     as_json: bool,
     file: Path | None,
     force: bool,
@@ -113,11 +111,10 @@ def score(
         say(f"set  {one.sentence()}", "dim")
     if file:
         write_atomically(file, csv_text(rows, for_spreadsheets=True).encode())
-    form = "json" if as_json else how
     if published:
-        _print_matches(published, scored, sizes.pop() if len(sizes) == 1 else None, form)
-    elif form != "terminal":
-        _print_records(rows, form)
+        _print_matches(published, scored, sizes.pop() if len(sizes) == 1 else None, as_json)
+    elif as_json:
+        shared.print_json(rows.to_dict("records"))
     elif (rows["status"] == "ok").any():
         terminal.out.print(_summary(rows))
     faults = rows[rows["status"] != "ok"]
@@ -149,53 +146,35 @@ def _say_faults(asked: pd.DataFrame) -> None:
 
 
 def _summary(rows: pd.DataFrame) -> Table:
-    """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
+    """A line a metric and variant, for the terminal: mean and spread over the images."""
     from sucre_bench.compare.statistics import standard_deviation
     from sucre_bench.compare.words import ARROW, number
 
-    table = terminal.table(
-        ["metric", "variant"], ["mean", "std", "lowest", "highest", "images"]
-    )
+    table = terminal.table(["metric", "variant"], ["mean", "std", "images"])
     ok = rows[rows["status"] == "ok"]
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
-        values = scores["value"]
+        values = scores["value"].to_numpy()
         title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
-        figures = (
-            values.mean(),
-            float(standard_deviation(values.to_numpy())),
-            values.min(),
-            values.max(),
-        )
-        table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
+        std = number(float(standard_deviation(values)))
+        table.add_row(title, variant, number(values.mean()), std, str(len(values)))
     return table
 
 
-def _print_records(table: pd.DataFrame, form: str) -> None:
-    """Print a table as "json" or "csv"."""
-    from sucre_bench.results.rows import csv_text
-
-    if form == "json":
-        shared.print_json(table.to_dict("records"))
-    else:
-        click.echo(csv_text(table, for_spreadsheets=True), nl=False)
-
-
 def _print_matches(
-    published: PublishedTable, scored: FolderScores, size: tuple[int, int] | None, form: str
+    published: PublishedTable, scored: FolderScores, size: tuple[int, int] | None, as_json: bool
 ) -> None:
     """Print, for each column of a published table, how far the variants are from it, and the answer in a sentence."""
-    import pandas as pd
-
     from sucre_bench.programs.match_published import answer, compare
 
     matches = [(column, compare(column, scored.rows)) for column in published.columns]
-    if form != "terminal":
-        records = [
-            {"column": column.header, "metric": column.metric, **asdict(one)}
-            for column, found in matches
-            for one in found
-        ]
-        _print_records(pd.DataFrame(records), form)
+    if as_json:
+        shared.print_json(
+            [
+                {"column": column.header, "metric": column.metric, **asdict(one)}
+                for column, found in matches
+                for one in found
+            ]
+        )
         return
     for column, found in matches:
         table = terminal.table([column.metric], ["mean difference", "largest"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import shlex
 import sys
 from collections.abc import Collection, Sequence
@@ -15,8 +14,8 @@ import click
 
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
-from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, check_links, check_output, regular
+from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.files import check_folder, check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.programs.verify import TOLERANCE
 
@@ -40,18 +39,14 @@ _MOST = 20  # scores that are listed
 @shared.option(
     "--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".'
 )
-@shared.flag(
-    "--code", help="Put the files of --plugin in, so that others can run experiment.yaml."
-)
 @shared.plugin_option
 @shared.force_option
-def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: bool) -> None:
+def bundle(folder: Path, file: Path, pictures: Any, by: str, force: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.
 
     \b
     sucre-bench bundle results paper.zip
     sucre-bench bundle results paper.zip --pictures restored --by "Reef Lab"
-    sucre-bench bundle results paper.zip --plugin my_method.py --code
 
     The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
     give the same bytes and the same id.
@@ -61,7 +56,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     check_output(file, "bundle", force=force)
     check_links(folder)
     with progress.live():
-        made = bundle_results(folder, file, pictures, by, _experiment(folder, code))
+        made = bundle_results(folder, file, pictures, by, _experiment(folder))
     size = file.stat().st_size
     click.echo(
         f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}"
@@ -80,13 +75,9 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
         )
 
 
-def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
-    """Return the experiment's file that runs these results again. If there is none, say why and return none.
-
-    has_code: return also the run's plugin files, by their name in the bundle, or none if one of them cannot be. The
-    results folder names them, so each must have been loaded: else it may be any file of this machine.
-    """
-    from sucre_bench import plugins, results
+def _experiment(folder: Path) -> dict[str, str]:
+    """Return the experiment's file that runs these results again. If there is none, say why and return none."""
+    from sucre_bench import results
     from sucre_bench.jobs.experiment_file import EXPERIMENT, read_recorded
 
     results.read(folder)  # a folder without results is an error of its own
@@ -98,38 +89,10 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
     except SucreBenchError as fault:
         say(f"no experiment.yaml in the bundle: {fault}", "yellow")
         return {}
-    text = (folder / EXPERIMENT).read_text(encoding="utf-8")
-    given = [str(name) for name in content.get("plugins", [])]
-    files: dict[str, str] = {}
-    path = folder
-    try:
-        for path in (Path(name) for name in given if has_code):
-            if not plugins.is_loaded(path):
-                raise InputError(
-                    "is not in the bundle",
-                    path,
-                    f"add --plugin {path} if it is the run's plugin file",
-                )
-            name = f"plugins/{path.name}"
-            if name in files:
-                raise InputError(
-                    "is not in the bundle",
-                    path,
-                    "another plugin file has its name; rename it, run again",
-                )
-            files[name] = regular(path).read_text(encoding="utf-8")
-    except (OSError, InputError, ValueError) as fault:
-        reason = f"{path}: cannot be read, {fault}; publish it beside the bundle"
-        say(str(fault) if isinstance(fault, InputError) else reason, "yellow")
-        files = {}
-    if files:
-        text = re.sub(
-            r"^plugins: .*$", f"plugins: [{', '.join(files)}]", text, flags=re.MULTILINE
-        )
-    elif given:
-        code = "--plugin FILE --code puts that code into the bundle"
-        say(f"note: experiment.yaml needs {', '.join(given)}; {code}", "yellow")
-    return {EXPERIMENT: text, **files}
+    if plugins := content.get("plugins"):
+        files = ", ".join(map(str, plugins))
+        say(f"note: experiment.yaml needs {files}; publish that beside the bundle", "yellow")
+    return {EXPERIMENT: (folder / EXPERIMENT).read_text(encoding="utf-8")}
 
 
 # -- verify ------------------------------------------------------------------------------------------------
@@ -181,11 +144,7 @@ def verify(
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     holds = found.holds and not is_other
     if as_json:
-        differing = [
-            {k: str(v) if isinstance(v, float) and v - v else v for k, v in asdict(one).items()}
-            for one in found.differing
-        ]
-        shared.print_json({**asdict(found), "differing": differing, "holds": holds})
+        shared.print_json({**asdict(found), "holds": holds})
         sys.exit(0 if holds else 1)
     if is_other:
         say(
@@ -195,8 +154,7 @@ def verify(
     _print_outcome(found, tolerance)
     if not data and found.needs_data:
         words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
-        made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
-        shared.echo_wrapped(f"more     {words}{made}", 9)
+        terminal.show(f"more     {words}")
     if not holds:
         verdict = "NOT verified: something differs"
     elif found.is_whole:
@@ -205,7 +163,7 @@ def verify(
         verdict = f"in part: every hash holds, {found.n_agree} of {found.n_scores} scores were computed again and agree"
     else:
         verdict = "hashes hold; no score could be computed again"
-    shared.echo_wrapped(verdict)
+    terminal.show(verdict)
     sys.exit(0 if holds else 1)
 
 
@@ -231,10 +189,9 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
     common = f" ({found.n_common} on common pixels)" if found.n_common else ""
-    shared.echo_wrapped(
+    terminal.show(
         f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or rounding "
-        f"(largest difference {100 * found.largest:.2g} %), {len(found.differing)} differ, {n_not} not computed again",
-        9,
+        f"(largest difference {100 * found.largest:.2g} %), {len(found.differing)} differ, {n_not} not computed again"
     )
     for reason, count in found.unchecked.items():
         click.echo(f"         {count}: {reason}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,12 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from sucre_bench.machine import terminal
 from sucre_bench.machine.text_formats import json_text
 
 if TYPE_CHECKING:
     from sucre_bench.engine.preflight import Planned
-    from sucre_bench.scene import Scene
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MOST_SCENES = 3  # of which is said what their views show
@@ -115,17 +112,6 @@ def labels_of(text: str) -> list[str]:
     return labels
 
 
-def echo_wrapped(text: str, indent: int = 2) -> None:
-    """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
-    width = terminal.out.width
-    rest = " " * indent
-    click.echo(
-        textwrap.fill(
-            text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False
-        )
-    )
-
-
 def say_whether_measurable(planned: Sequence[Planned]) -> None:
     """Say whether units and poses fit, or else whether the selected views show their scene's water, where methods of
     several views are to restore it.
@@ -173,24 +159,3 @@ def floor_of_psi(planned: Sequence[Planned]) -> str:
         return ""
     floor = "psi of a camera's linear values has a floor of about 8 to 9 degrees with the sRGB list of a chart"
     return f"{floor}; spectra and `# camera:` in a CSV of the chart lower it to about 1 (docs/charts.md)"
-
-
-def say_what_views_show(planned: Sequence[Planned]) -> None:
-    """Say whether the water can be measured, and of which scenes only neighbours are selected, half of it at most."""
-    from sucre_bench.machine import progress
-
-    say_whether_measurable(planned)
-    scenes: dict[tuple[str, str], tuple[Scene, set[str]]] = {}
-    for plan in planned:
-        if plan.job.first or plan.job.views:  # a shard has neighbours on purpose
-            for task in plan.tasks:
-                key = (plan.job.dataset.label, task.scene.name)
-                scenes.setdefault(key, (task.scene, set()))[1].add(task.view.name)
-    for (dataset, name), (scene, selected) in [*scenes.items()][:_MOST_SCENES]:
-        places = [place for place, view in enumerate(scene.views) if view.name in selected]
-        n, total = len(places), len(scene.views)
-        if "poses" in scene.has and 1 < n <= total // 2 and places[-1] - places[0] == n - 1:
-            progress.say(
-                f"{dataset}, {name}: these {n} of {total} views are neighbours, and show little of the"
-                f" scene; every={total // n} shows more"
-            )

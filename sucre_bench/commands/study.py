@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +18,6 @@ from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
-
-_LARGE = 20_000_000  # bytes; many mail servers refuse more
 
 
 @click.command()
@@ -95,9 +93,8 @@ def study(
             )
         path = design.write_key(folder, key)
         n_views = len(key.pictures) // len(key.methods)
-        click.echo(
-            f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views"
-        )
+        size = f"{out.stat().st_size / 1e6:.1f} MB"
+        click.echo(f"page     {out}, {size}: {len(key.methods)} methods on {n_views} views")
         if masks:
             share = sum(mask.mean() for mask in masks.values()) / len(masks)
             click.echo(
@@ -105,11 +102,7 @@ def study(
                 f" {1 - share:.0%} of them on average"
             )
         click.echo(f"key      {path}: keep it, and do not send it")
-        if out.stat().st_size > _LARGE:
-            click.echo("smaller  for e-mail: --views 6, or --width 800")
-        click.echo(
-            f"then     sucre-bench study {folder} --votes FILES, the files that people send back"
-        )
+        click.echo(f"then     sucre-bench study {folder} --votes FILES-THAT-PEOPLE-SEND-BACK")
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
@@ -126,59 +119,45 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         shared.print_json(_as_object(found))
         return
     numbered = found.numbered
+    people, wins = found.people, numbered.votes.wins
     ties = int((numbered.votes.won == 0.5).sum())
     by = f"{counted(len(numbered.observers), 'observer')} on {len(numbered.views)} views"
     click.echo(f"{found.dataset}: {len(numbered.votes)} votes of {by}, {ties} for equal\n")
-    people, wins = found.people, numbered.votes.wins
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
     preferences = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
     for n in (-people.scores).argsort(kind="stable"):  # the preferred one first
-        interval = (
-            "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
-        )
-        preferences.add_row(
-            numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %"
-        )
+        interval = _interval(people.low[n], people.high[n])
+        won = f"{100 * shares[n]:.0f} %"
+        preferences.add_row(numbered.methods[n], signed(people.scores[n]), interval, won)
     metrics = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
-    ranked = sorted(
+    for (metric, variant), one in sorted(
         found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0
-    )
-    for (metric, variant), agreement in ranked:
-        interval = (
-            f"{number(agreement.low)} to {number(agreement.high)}"
-            if math.isfinite(agreement.low)
-            else "-"
-        )
-        predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
-        metrics.add_row(
-            f"{metric} ({variant})",
-            number(agreement.tau),
-            interval,
-            predicted,
-            str(agreement.n),
-        )
-    for table, lines in ((preferences, _sentences(found)), (metrics, _TAU)):
-        if table.row_count:
-            terminal.out.print(table)
-            click.echo()
-            for line in lines:
-                shared.echo_wrapped(line)
-            click.echo()
-    if n_rows:
-        click.echo(
-            f"rows     {n_rows} of metric preference: sucre-bench compare {folder} --metric preference"
-        )
-    else:
-        click.echo(f"rows     none: {people.want}")
+    ):
+        predicted = f"{100 * one.predicted:.0f} %" if one.n else "-"
+        interval = _interval(one.low, one.high)
+        title = f"{metric} ({variant})"
+        metrics.add_row(title, number(one.tau), interval, predicted, str(one.n))
+    terminal.out.print(preferences)
+    for line in _sentences(found):
+        terminal.show(line)
+    click.echo()
+    if metrics.row_count:
+        terminal.out.print(metrics)
+        click.echo(_TAU)
+    rows = f"{n_rows} of metric preference" if n_rows else f"none: {people.want}"
+    click.echo(f"rows     {rows}")
 
 
-_TAU = [
-    "tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]",
-    "predicted: votes for the picture with the better score, without votes for equal",
-]
+def _interval(low: float, high: float) -> str:
+    from sucre_bench.compare.words import signed
+
+    return f"{signed(low)} to {signed(high)}" if math.isfinite(low) else "-"
 
 
-def _sentences(found: Evaluated) -> list[str]:
+_TAU = "tau: order of the methods as people's; predicted: votes for the better score\n"
+
+
+def _sentences(found: Evaluated) -> Iterator[str]:
     """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
     from sucre_bench.compare.words import number
 
@@ -186,33 +165,19 @@ def _sentences(found: Evaluated) -> list[str]:
     best, next_best = (-people.scores).argsort(kind="stable")[:2].tolist()
     first, second = found.numbered.methods[best], found.numbered.methods[next_best]
     gap, low, high = people.difference(best, next_best)
-    lines = [f"{first} and {second} are equal"]
+    interval = f"{number(gap)} [{number(low)}, {number(high)}]"
     if people.want:
-        lead = f"{first} got more votes than {second}" if gap else lines[0]
-        lines = [
-            f"{lead}; no interval, so nobody can say whether more than chance: {people.want}"
-        ]
+        yield f"no interval, so the order may be chance: {people.want}"
+    elif low > 0:
+        yield f"{first} leads {second} by {interval}, more than chance"
     else:
-        verb, chance = (
-            ("is ahead of", "which may be chance")
-            if low <= 0
-            else ("leads", "more than chance")
-        )
-        interval = f"{number(gap)} [{number(low)}, {number(high)}]"
-        equal = f"{lines[0]}; the difference is at most {number(high)}"
-        lines = [f"{first} {verb} {second} by {interval}, {chance}" if gap else equal]
-        lines.append("intervals: over observers, for people like them")
+        yield f"{first} and {second} differ by {interval}, which may be chance"
     agree = "unknown, no pair was judged by several with different answers"
     if not math.isnan(found.observers.alpha):
-        alpha = (
-            f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
-        )
-        agree = f"{alpha} (1: full, 0: as by tossing coins)"
-    lines.append(f"agreement of observers: {agree}")
-    return [
-        *lines,
-        "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it",
-    ]
+        alpha = f"Krippendorff's alpha {number(found.observers.alpha)}"
+        agree = f"{alpha} on {found.observers.n} pairs (1: full, 0: as by tossing coins)"
+    yield f"agreement of observers: {agree}"
+    yield "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"
 
 
 def _as_object(found: Evaluated) -> dict[str, Any]:

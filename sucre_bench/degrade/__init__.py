@@ -8,7 +8,6 @@ other views.
 """
 
 import dataclasses
-import functools
 import hashlib
 from dataclasses import dataclass
 from typing import Any
@@ -147,53 +146,67 @@ class _Degraded:
 
     def load(self, plane: Plane) -> Array | None:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
-        d, source = self.degradation, self.view.pixels
-        if plane == "rgb" and d.water:
-            depth = source.load("depth")
-            camera = self.view.camera
-            if depth is None or not (depth > 0).any():
-                raise InputError(
-                    "has no depth, which added water needs",
-                    self.view.name,
-                    "leave the view out",
-                )
-            if (d.water.encoding or self.view.encoding) != self.view.encoding:
-                fault = f"degrade.add_water has the encoding {d.water.encoding}, the view {self.view.encoding}"
-                raise InputError(fault, self.view.name, "give water of the view's encoding")
-            distance = depth if camera is None else distance_map(camera, depth)
-            values: Array | None = under_water(self._dry(), distance, d.water)
-        else:
-            values = self._dry() if plane == "reference" and d.water else source.load(plane)
-            if plane == "reference" and d.water and values is not None and self.profile:
-                values = self.profile.to_srgb(values, self.view.encoding)
-        if values is None:
-            return None
-        if plane == "rgb" and d.blur_px:
-            values = blurred(values, d.blur_px, self.view.encoding)
-        values = values if d.scale == 1 else shrunk(values, d.scale)
-        rng = functools.partial(generator, d.seed, self.scene, self.view.name)
+        d = self.degradation
         if plane == "rgb":
-            if d.noise:  # independent in every pixel and channel
-                noise = rng("noise").standard_normal(values.shape, dtype=np.float32)
-                values = np.asarray((values + np.float32(d.noise) * noise).clip(0, 1))
-            if d.bits is not None:  # 2^bits levels, 0 and 1 among them
-                top = np.float32(2**d.bits - 1)
-                values = np.asarray(np.rint(values.clip(0, 1) * top) / top)
-            if d.jpeg_quality is not None:
-                values = through_jpeg(values, d.jpeg_quality, self.view.encoding)
-        elif plane == "depth":  # 0 = unknown stays
-            shape = (values.shape[0], values.shape[1])
-            if d.depth_noise:
-                field = random_field(rng("depth_noise"), shape, d.depth_noise_px)
-                values = np.asarray(
-                    (values * (1 + d.depth_noise * field)).clip(0), dtype=np.float32
-                )
-            if d.depth_holes and (known := values > 0).any():  # where a random field is lowest
-                field = random_field(rng("depth_holes"), shape, d.depth_hole_px)
-                values = np.where(
-                    field < np.quantile(field[known], d.depth_holes), np.float32(0), values
-                )
-        return values
+            return self._image()
+        if plane == "reference" and d.water:
+            dry = self._dry()
+            values = self.profile.to_srgb(dry, self.view.encoding) if self.profile else dry
+            return shrunk(values, d.scale)
+        stored = self.source.load(plane)
+        if stored is None:
+            return None
+        values = shrunk(stored, d.scale)
+        return self._worse_depth(values) if plane == "depth" else values
+
+    def _image(self) -> Array | None:
+        """The degraded image."""
+        d = self.degradation
+        encoding = self.view.encoding
+        image = self._under_water(d.water) if d.water else self.source.load("rgb")
+        if image is None:
+            return None
+        if d.blur_px:
+            image = blurred(image, d.blur_px, encoding)
+        image = shrunk(image, d.scale)
+        if d.noise:  # independent in every pixel and channel
+            noise = self._random("noise").standard_normal(image.shape, dtype=np.float32)
+            image = np.asarray((image + np.float32(d.noise) * noise).clip(0, 1))
+        if d.bits is not None:  # 2^bits levels, 0 and 1 among them
+            top = np.float32(2**d.bits - 1)
+            image = np.asarray(np.rint(image.clip(0, 1) * top) / top)
+        if d.jpeg_quality is not None:
+            image = through_jpeg(image, d.jpeg_quality, encoding)
+        return image
+
+    def _worse_depth(self, depth: Array) -> Array:
+        """A depth map with noise and holes; 0 = unknown stays."""
+        d = self.degradation
+        shape = (depth.shape[0], depth.shape[1])
+        if d.depth_noise:
+            field = random_field(self._random("depth_noise"), shape, d.depth_noise_px)
+            depth = np.asarray((depth * (1 + d.depth_noise * field)).clip(0), dtype=np.float32)
+        known = depth > 0
+        if d.depth_holes and known.any():  # where a random field is lowest
+            field = random_field(self._random("depth_holes"), shape, d.depth_hole_px)
+            lowest = field < np.quantile(field[known], d.depth_holes)
+            depth = np.where(lowest, np.float32(0), depth)
+        return depth
+
+    def _random(self, quantity: str) -> np.random.Generator:
+        return generator(self.degradation.seed, self.scene, self.view.name, quantity)
+
+    def _under_water(self, water: Water) -> Array:
+        depth = self.source.load("depth")
+        if depth is None or not (depth > 0).any():
+            fault = "has no depth, which added water needs"
+            raise InputError(fault, self.view.name, "leave the view out")
+        if (water.encoding or self.view.encoding) != self.view.encoding:
+            fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
+            raise InputError(fault, self.view.name, "give water of the view's encoding")
+        camera = self.view.camera
+        distance = depth if camera is None else distance_map(camera, depth)
+        return under_water(self._dry(), distance, water)
 
     def _dry(self) -> Array:
         """The image without water: the reference if the scene has references, else the image."""
@@ -261,6 +274,8 @@ def shrunk(plane: Array, scale: float) -> Array:
     """Return a plane (H, W, 3) or (H, W) in another size: colours by area, depths by the nearest value."""
     import cv2
 
+    if scale == 1:
+        return plane
     how = cv2.INTER_AREA if plane.ndim == 3 else cv2.INTER_NEAREST_EXACT
     size = [max(1, round(side * scale)) for side in plane.shape[1::-1]]
     return np.asarray(cv2.resize(plane, size, interpolation=how))

@@ -6,61 +6,39 @@ import functools
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sucre_bench.arguments import checked
-from sucre_bench.errors import InputError, MissingFileError, unknown_name
-from sucre_bench.machine.files import expanded
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Water
 
 _PLACE = "degrade.add_water"
 
 
-def read_water(given: Any, place: str = _PLACE) -> Water:
-    """Return a water given as a `Water`, as nine numbers (B, beta, gamma, each RGB), or as the path of a JSON file.
+def read_water(given: Any) -> Water:
+    """Return a water given as a `Water`, or as nine numbers: B, beta and gamma, each RGB.
 
-    Raises InputError for a file without these numbers, or for values out of range: B in [0, 1], beta and gamma >= 0.
+    Raises InputError for anything else, and for values out of range: B in [0, 1], beta and gamma >= 0.
     """
-    parts = given
     encoding = None
+    parts = given
     if isinstance(given, Water):
         encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
-    elif isinstance(given, (str, Path)):
-        from sucre_bench.results import water_file
-
-        path = expanded(given)
-        remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
-        try:
-            water = water_file.read_water(path)
-        except FileNotFoundError:
-            raise MissingFileError("no such file", path, remedy) from None
-        if water is None:
-            raise InputError("no B, beta and gamma in it", path, remedy)
-        return read_water(water, str(path))
     try:
         numbers = np.empty(0) if np.iscomplexobj(given) else np.array(parts, dtype=np.float64)
-    except Exception:  # each kind of object has its own
+    except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
-    if numbers.shape == (9,):
-        numbers = numbers.reshape(3, 3)
-    if numbers.shape != (3, 3):
-        raise InputError(
-            "not a water",
-            place,
-            "give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three",
-        )
-    if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
-        raise InputError(
-            "no water has these values",
-            place,
-            "B is in [0, 1], beta and gamma are at least 0 per metre",
-        )
-    B, beta, gamma = numbers
+    if numbers.size != 9:
+        remedy = "give nine numbers, [B, beta, gamma] each RGB"
+        raise InputError("not a water", _PLACE, remedy)
+    B, beta, gamma = numbers.reshape(3, 3)
+    if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (B <= 1).all()):
+        remedy = "B is in [0, 1], beta and gamma are at least 0 per metre"
+        raise InputError("no water has these values", _PLACE, remedy)
     return Water(B, beta, gamma, encoding)
 
 
@@ -110,7 +88,7 @@ class Degradation:
     """Keep only this many views, after `within`: the target and others drawn at random; null: all."""
     add_water: Any = None
     """Add water to the reference, or to the image if the scene has no references. Nine numbers [B, beta, gamma], each
-    RGB, or a JSON file with "B", "beta" and "gamma". It becomes the true water; the dry image becomes the reference."""
+    RGB. It becomes the true water; the dry image becomes the reference."""
     blur_px: float = 0.0
     """Blur the image in linear light with a Gaussian of this standard deviation, in pixels of the original; 0: none."""
     scale: float = 1.0
@@ -167,11 +145,7 @@ class Degradation:
     @property
     def record(self) -> dict[str, Any]:
         """The given options, as rows store them; empty if nothing is degraded."""
-        values = {name: getattr(self, name) for name in self._given()}
-        return {
-            name: str(value) if isinstance(value, Path) else value
-            for name, value in values.items()
-        }
+        return {name: getattr(self, name) for name in self._given()}
 
     def needs(self) -> Iterator[tuple[str, str]]:
         """Yield the options that need something of `Scene.has`, each with its need."""
@@ -184,10 +158,6 @@ class Degradation:
         words = {name: str(getattr(self, name)) for name in self._given()}
         if "add_water" in words:
             words["add_water"] = "_".join(map(str, self._water_numbers()))
-            if isinstance(self.add_water, (str, Path)):  # two files may have one name
-                words["add_water"] = (
-                    f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
-                )
         return ",".join([dataset, *(f"{name}={word}" for name, word in words.items())])
 
     def identity(self, without: Collection[str] = ()) -> tuple[object, ...]:
@@ -209,12 +179,13 @@ class Degradation:
 
     def _given(self) -> list[str]:
         """The options that differ from their defaults."""
-        values = ((f, getattr(self, f.name)) for f in fields(self))
-        return [
-            f.name
-            for f, v in values
-            if v is not f.default and (f.default is None or v != f.default)
-        ]
+        given = []
+        for field in fields(self):
+            value = getattr(self, field.name)
+            # an array does not compare as a whole
+            if value is not field.default and (field.default is None or value != field.default):
+                given.append(field.name)
+        return given
 
     def _water_numbers(self) -> list[float | str]:
         water = self.water

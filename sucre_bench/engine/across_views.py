@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from cachetools import LRUCache, cached
 
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.engine.common_pixels import Source
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, stored_rows, tasks_by_scene
@@ -37,7 +37,7 @@ from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly
-from sucre_bench.results.rows import Row, Status, restorations, row_objects
+from sucre_bench.results.rows import Row, Status, restorations, row_objects, values_of
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene, Score
 
@@ -51,14 +51,10 @@ _HELD = 1 << 30
 def score_across_views(planned: Sequence[Planned]) -> None:
     """Score what the jobs' metrics of pairs lack, and write the rows. Raises OutputError if they cannot be written."""
     # jobs on the same data by their methods; of several with one label, shards say, the first
-    groups = defaultdict[tuple[str, str], dict[str, Job]](dict)
+    groups = defaultdict[tuple[str, int], dict[str, Job]](dict)
     for job in (plan.job for plan in planned):
         if any(metric.plugin.is_of_pairs for metric in job.metrics):
-            data = {**job.dataset.record, **job.degrade.record, "replicate": job.replicate}
-            group = groups[job.dataset.label, results.fingerprint(data)[1]]
-            group.setdefault(job.method.label, job)
-    if not groups:
-        return
+            groups[job.dataset.label, job.replicate].setdefault(job.method.label, job)
     rows = stored_rows(planned[0].job)
     part = Part(planned[0].job.out, "pairs")
     for group in groups.values():
@@ -93,16 +89,17 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
     base = every[0].base
     same = ("dataset", "method", "scene", "options_id", "data_id")
     of_job = rows[np.logical_and.reduce([rows[name] == getattr(base, name) for name in same])]
-    wholes = restorations(of_job[of_job["code"] == base.code])
-    stored = {row.view: replace(row, time=now()) for row in row_objects(wholes)}
-    pictures = {
-        task.view.name: task.place.restored(job.out, job.method.label) for task in every
+    stored = {
+        row.view: replace(row, time=now())
+        for row in row_objects(restorations(of_job[of_job["code"] == base.code]))
     }
-    there = {
-        task.view.name: task
-        for task in every
-        if task.view.name in stored and pictures[task.view.name].is_file()
-    }
+    there = dict[str, Task]()
+    content = list[tuple[str, bool]]()  # which views are restored, and of which J is stored
+    for task in every:
+        picture = task.place.restored(job.out, job.method.label)
+        if task.view.name in stored and picture.is_file():
+            there[task.view.name] = task
+            content.append((task.view.name, picture.with_suffix(".npz").is_file()))
 
     def opened(name: str) -> RestoredView:
         task = there[name]
@@ -118,28 +115,23 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
 
         return RestoredView(task.view, lambda: source.shown(mask()), computed)
 
-    # A hash of which views are restored, and of which J is stored.
-    content = [(name, pictures[name].with_suffix(".npz").is_file()) for name in there]
-    of_pairs = scorers(
-        (metric for metric in job.metrics if metric.plugin.is_of_pairs),
-        log_path(job.out),
-        job.view_timeout_s,
+    of_pairs = [metric for metric in job.metrics if metric.plugin.is_of_pairs]
+    entrant = Entrant(
+        {name: stored[name] for name in there},
+        opened,
+        scorers(of_pairs, log_path(job.out), job.view_timeout_s),
+        short_hash(json.dumps(content)),
     )
-    bases = {name: stored[name] for name in there}
-    entrant = Entrant(bases, opened, of_pairs, short_hash(json.dumps(content)))
     wanted = {
         (name, scorer.plugin.name, variant, entrant.code(whole, scorer))
-        for name, whole in bases.items()
-        for scorer in of_pairs
+        for name, whole in entrant.bases.items()
+        for scorer in entrant.scorers
         for variant in scorer.variants
     }
-    known = of_job[of_job["status"] != "failed"][["view", "metric", "variant", "code"]]
-    scored = set(known.itertuples(index=False, name=None))
-    if job.overwrite == "never":
-        is_due = not {one[:3] for one in wanted} <= {one[:3] for one in scored}
-    else:
-        is_due = bool(wanted) and (job.overwrite == "always" or not wanted <= scored)
-    return entrant if is_due else None
+    worked = of_job[of_job["status"] != "failed"]
+    scored = set(values_of(worked, "view", "metric", "variant", "code"))
+    is_due = job.overwrite == "always" or not wanted <= scored
+    return entrant if wanted and is_due else None
 
 
 # -- the scores of pairs: the points that two views share are found once for all methods of a scene -----------------
@@ -213,19 +205,20 @@ def pair_rows(
 
 
 class _Tally:
-    """The scores of one method by one variant of a metric, in the making. has: what the scene offers.
-
-    lost: status and reason of all rows, if there are no scores; scores: of pairs, by view, then by region; reasons: why
-    a view has none, of those that share points with another.
-    """
+    """The scores of one method by one variant of a metric, in the making. has: what the scene offers."""
 
     def __init__(
         self, entrant: Entrant, scorer: Scorer, variant: str, has: frozenset[str]
     ) -> None:
-        self.entrant, self.scorer, self.variant = entrant, scorer, variant
+        self.entrant = entrant
+        self.scorer = scorer
+        self.variant = variant
+        # Status and reason of all rows, if there are no scores.
         absent = plugins.missing_needs(scorer.plugin, has)
         self.lost: tuple[Status, str] | None = ("skipped", absent) if absent else None
+        # Scores of pairs, by view, then by region.
         self.scores = defaultdict[str, dict[str, list[Score]]](dict)
+        # Why a view has none, of those that share points with another.
         self.reasons = dict[str, str]()
 
     def _base(self, name: str) -> Row:
@@ -246,17 +239,15 @@ class _Tally:
         if self.lost:
             return
         names = (pair.here.view.name, pair.there.view.name)
-        base = self._base(names[0])
-        on = f"views '{names[0]}' and '{names[1]}'"
+        base = replace(self._base(names[0]), view=" and ".join(names))
+        score_pair = self.scorer.metric.score_pair
         try:
-            score_pair = self.scorer.metric.score_pair
-            scores = self.scorer.scores(base, on, score_pair, pair, self.variant)
+            scores = self.scorer.scores(base, f"views {names}", score_pair, pair, self.variant)
         except BaseException as fault:
-            pair_of = replace(base, view=" and ".join(names))
-            row = row_of_fault(pair_of, fault, self.scorer.log)
+            row = row_of_fault(base, fault, self.scorer.log)
             if row.status == "failed":
                 self.lost = row.status, row.reason
-            self.reasons.update(dict.fromkeys(names, row.reason))
+            self.reasons |= dict.fromkeys(names, row.reason)
             return
         for name in names:
             self.reasons.setdefault(name, Reason.NOTHING_TO_SCORE.value)

@@ -16,18 +16,13 @@ from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.documents import Format, as_text, without_costs
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import deciding, number
 from sucre_bench.engine.common_pixels import Source, score_in_memory
 from sucre_bench.engine.python_api import restore, score
-from sucre_bench.engine.score import row_without_value
+from sucre_bench.engine.score import row_of_fault, row_without_value
 from sucre_bench.errors import (
     InputError,
-    NotApplicableError,
     SucreBenchError,
     check_number,
-    did_you_mean,
-    one_line,
-    shown_value,
 )
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
@@ -35,7 +30,7 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.machine import progress, terminal
 from sucre_bench.plugins.options import Choice
-from sucre_bench.results.rows import tuples, wide
+from sucre_bench.results.rows import wide
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
@@ -71,14 +66,6 @@ class Compared:
     common: DataFrame | None = None
     """Scores on the pixels that all methods fill, of views where these differ, for `comparison`; None if methods
     are compared on their own pixels."""
-
-    def __post_init__(self) -> None:
-        if not hasattr(self.rows, "columns"):
-            raise InputError(
-                f"is {shown_value(self.rows)}",
-                "Compared.rows",
-                "pass the table that score returns",
-            )
 
     @property
     def table(self) -> DataFrame:
@@ -116,53 +103,23 @@ class Compared:
         return self.markdown()
 
     @checked
-    def plot(
-        self,
-        view: str | int = 0,
-        labels: Sequence[str] = (),
-        metric: str = "",
-        height: int = 360,
-    ) -> Image:
+    def plot(self, view: str | int = 0, height: int = 360) -> Image:
         """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
         - view: name or place of the view;
-        - labels: the methods to show; default all;
-        - metric: the column of `table` whose score stands beside a method's name; default the score that sorts the
-          methods;
         - height: height of the picture, in pixels.
 
-        A notebook shows the returned picture. Raises InputError for an unknown label or view.
+        A notebook shows the returned picture. Raises InputError for an unknown view.
         """
         import cv2
-        import pandas as pd
         from PIL import Image
 
         shown = self.scene[view]
         check_number("plot(height)", height, "[16, 10000]")
-        if metric and metric not in self.table:
-            raise InputError(
-                f"no column '{metric}'", "plot(metric)", did_you_mean(metric, self.table)
-            )
-        if unknown := [label for label in labels if label not in self.labels]:
-            raise InputError(
-                f"no method '{unknown[0]}'",
-                "plot(labels)",
-                f"there are {', '.join(self.labels)}",
-            )
-        main = deciding(found).main if not metric and (found := self.comparison) else None
-        name, _, variant = (main.key if main else metric).partition(":")
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
-        wanted = {"view": shown.name, "metric": name, "status": "ok", "region": "image"}
-        if variant:
-            wanted["variant"] = variant
-        rows = self.rows[(self.rows[list(wanted)] == pd.Series(wanted)).all(axis=1)]
-        scores = {
-            row.method: f", {name} {number(row.value)} {row.unit}" for row in tuples(rows)
-        }
-        for label in labels or self.labels:
+        for label in self.labels:
             if (shown.name, label) in self.pictures:
-                title = (label + scores.get(label, "")).rstrip()
-                panels[title] = self.pictures[shown.name, label]
+                panels[label] = self.pictures[shown.name, label]
         if shown.reference is not None:
             panels["reference"] = to_8bit(display(shown.reference, "none", shown.encoding))
         parts = []
@@ -182,7 +139,6 @@ def compare_methods(
     methods: Methods,
     metrics: str | Sequence[Any] = (),
     views: Iterable[str | int | View] | None = None,
-    show_progress: bool | None = None,
     pixels: compare.Pixels = "common",
 ) -> Compared:
     """Restore views of a scene with several methods, score the restorations, and compare the methods.
@@ -191,7 +147,6 @@ def compare_methods(
       to a name, an object, or options with the name: {"few": {"name": "sucre", "max_observations": 10}};
     - metrics: as in `score`; default those of `sucre-bench run`;
     - views: names, places or views; default all views of the scene;
-    - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only;
     - pixels: where methods fill different pixels of a view, "common" compares them on those that all of them fill,
       "own" each on its own.
 
@@ -220,8 +175,7 @@ def compare_methods(
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables = [results.frame([])]
     held = dict[tuple[str, str], Source]()
-    is_shown = sys.stderr.isatty() if show_progress is None else show_progress
-    with progress.live() if is_shown else contextlib.nullcontext():
+    with progress.live() if sys.stderr.isatty() else contextlib.nullcontext():
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
             for view in progress.track(chosen, label):
                 rows, restored = _one(scene, view, label, method, metrics)
@@ -267,10 +221,9 @@ def _one(
         result = restore(method, scene, view)
     except SucreBenchError as fault:
         plugin = method.plugin if isinstance(method, Choice) else plugins.plugin_of(method)
-        lacks = plugins.missing_needs(plugin, scene.has)
-        is_skipped = lacks or isinstance(fault, NotApplicableError)
-        status: results.Status = "skipped" if is_skipped else "failed"
-        row = results.Row(scene.name, scene.name, view.name, label, data_id=scene.data_id)
-        return results.frame([row_without_value(row, status, one_line(fault))]), None
+        base = results.Row(scene.name, scene.name, view.name, label, data_id=scene.data_id)
+        if lacks := plugins.missing_needs(plugin, scene.has):
+            return results.frame([row_without_value(base, "skipped", lacks)]), None
+        return results.frame([row_of_fault(base, fault, None)]), None
     rows = score(result, view, metrics, dataset=scene.name)
     return rows.assign(method=label), Source.held(to_8bit(result.shown), result.valid)

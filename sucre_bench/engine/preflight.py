@@ -38,11 +38,11 @@ from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
 from sucre_bench.machine.text_formats import short_hash
-from sucre_bench.plugins.options import Choice, options_of, source_hash
+from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
-from sucre_bench.results.rows import Row, restoration_rows, values_of
+from sucre_bench.results.rows import Row, values_of
 from sucre_bench.scene import Scene, View
 
 
@@ -84,12 +84,12 @@ class Task:
     base: Row
 
 
-_opened = ContextVar[dict[str, list[Scene] | SucreBenchError]]("opened")
+_opened = ContextVar[dict[str, list[Scene]]]("opened")
 
 
 @contextmanager
 def opening_once() -> Iterator[None]:
-    """In this block, open each dataset once, for all jobs of this process, also if that fails."""
+    """In this block, open each dataset once, for all jobs of this process."""
     token = _opened.set(_opened.get({}))
     try:
         yield
@@ -102,28 +102,24 @@ def open_scenes(dataset: Choice) -> list[Scene]:
     opened = _opened.get({})
     key = results.fingerprint({**dataset.record, "replicate": dataset.seed})[1]
     if key not in opened:
-        try:
-            opened[key] = _open(dataset)
-        except SucreBenchError as fault:
-            opened[key] = fault
-    found = opened[key]
-    if isinstance(found, SucreBenchError):
-        raise found
-    return found
+        opened[key] = _open(dataset)
+    return opened[key]
 
 
 def _open(dataset: Choice) -> list[Scene]:
     where = f"dataset '{dataset.label}'"
     try:
-        scenes = list(dataset.make().scenes())
+        made = dataset.make()
+        scenes = list(made.scenes())
     except SucreBenchError:
         raise
-    except (ImportError, OSError) as fault:
-        if isinstance(fault, OSError) and fault.filename is not None:
-            if is_want_of_room(fault):
-                raise not_writable(Path(os.fsdecode(fault.filename)), fault) from fault
-            remedy = "let this user read it, or give another path"
-            raise file_error(os.fsdecode(fault.filename), fault, remedy) from fault
+    except OSError as fault:
+        file = where if fault.filename is None else os.fsdecode(fault.filename)
+        if is_want_of_room(fault):
+            raise not_writable(Path(file), fault) from fault
+        remedy = "let this user read it, or give another path"
+        raise file_error(file, fault, remedy) from fault
+    except ImportError as fault:
         remedy = "if a library is missing, `sucre-bench doctor` says which"
         raise InputError(one_line(fault), where, remedy) from fault
     except BaseException as fault:
@@ -133,33 +129,28 @@ def _open(dataset: Choice) -> list[Scene]:
         if not isinstance(scene, Scene):
             fault_of_type = f"yields {type(scene).__name__}"
             raise PluginError(fault_of_type, where, "scenes() yields Scene objects")
-        for kind, name in (
-            ("scene", scene.name),
-            *(("view", view.name) for view in scene.views),
-        ):
+        for name in (scene.name, *(view.name for view in scene.views)):
             if not PurePosixPath(name).name:
-                raise PluginError(f"a {kind} is called '{name}'", where, "give it a name")
+                raise PluginError(
+                    f"a scene or view is called '{name}'", where, "give it a name"
+                )
     for name, times in Counter(scene.name for scene in scenes).most_common(1):
         if times > 1:
             raise InputError(f"{times} scenes are called '{name}'", where, "rename a folder")
     if not any(map(len, scenes)):
         raise InputError("no views", where, "check its options")
-    _say_passed_over(dataset, scenes)
+    _say_passed_over(dataset, vars(made).values(), scenes)
     return scenes
 
 
-def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
+def _say_passed_over(dataset: Choice, options: Iterable[Any], scenes: Sequence[Scene]) -> None:
     """Say what lies unread in the folders that the dataset's options name, and beside what its views read."""
     read = {file for scene in scenes for view in scene.views for file in source_files(view)}
     folder = dataset.options.get("root")
     if not read or not folder:
         return
     root = expanded(folder)
-    default = {option.name: option.default for option in options_of(dataset.plugin.cls)}
-    values = {**default, **dataset.options}.values()
-    named = [
-        root / expanded(value) for value in values if isinstance(value, str | Path) and value
-    ]
+    named = [root / expanded(one) for one in options if isinstance(one, str | Path) and one]
     folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
     read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
     say_passed_over(root, sorted(folders), read, beside=not dataset.plugin.licence)
@@ -184,11 +175,9 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     if job.views is not None:
         names = {view.name for _, view, _ in every}
         if unknown := [name for name in job.views if name not in names]:
-            hint = (
-                did_you_mean(unknown[0], names)
-                if len(names) < 20
-                else f"there are {len(names)} others"
-            )
+            hint = f"there are {len(names)} others"
+            if len(names) < 20:
+                hint = did_you_mean(unknown[0], names)
             raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
         chosen = set(job.views)
         every = [one for one in every if one[1].name in chosen]
@@ -241,9 +230,6 @@ class Planned:
     todo: tuple[Task, ...]
     """Those without stored results."""
 
-    before: frozenset[tuple[str, str, str]]
-    """Scene, view and time of the stored restorations by this method."""
-
     shown_over: Mapping[str, tuple[Task, ...]]
     """By scene, the views whose colours decide how all of it are shown, other shards' among them; none where each view
     is shown by itself."""
@@ -281,13 +267,12 @@ def check(command: Command) -> list[Planned]:
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
     study = jobs[0].study
+    baseline = study.baseline if study else jobs[0].baseline
     known = {job.method.label for job in jobs}
-    label = study.baseline if study else jobs[0].baseline
     # one that is a method, but not of this sweep, is left out
-    if label and label not in known and not plugins.is_name("method", label):
-        key = "baseline" if jobs[0].baseline else "study.baseline"
-        known |= plugins.discover("method").keys()
-        problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
+    if baseline and baseline not in known and not plugins.is_name("method", baseline):
+        hint = did_you_mean(baseline, known | plugins.discover("method").keys())
+        problems.append(f"baseline: no method is called '{baseline}'; {hint}")
     rows = results.frame([])
     try:
         rows = stored_rows(jobs[0])
@@ -302,16 +287,21 @@ def check(command: Command) -> list[Planned]:
                 _made(metric, job.out)
             method = _made(job.method, job.out)
             of_method = of_job.get((job.dataset.label, job.method.label), rows[:0])
-            sees_whole_scene = bool(getattr(method, "sees_whole_scene", False))
-            by_scene = sees_whole_scene or is_of_scene(job.method.display)
-            planned.append(replace(_planned(job, of_method, shared), by_scene=by_scene))
+            plan = _planned(job, of_method, shared)
+            if getattr(method, "sees_whole_scene", False):
+                plan = replace(plan, by_scene=True)
+            planned.append(plan)
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems and not rows.empty:
-        problems = _clashes(planned, rows)
+        problems = [*_clashes(planned, rows)]
     if problems:
         raise ProblemsError("\n".join(dict.fromkeys(problems)))
-    return _sharing_decoded(planned)
+    n_jobs = Counter(plan.labels[0] for plan in planned if plan.todo)
+    return [
+        replace(plan, shares_decoded=_shares_decoded(plan, n_jobs[plan.labels[0]]))
+        for plan in planned
+    ]
 
 
 def planned_again(before: Planned) -> Planned:
@@ -322,26 +312,11 @@ def planned_again(before: Planned) -> Planned:
     return replace(now, by_scene=before.by_scene, shares_decoded=before.shares_decoded)
 
 
-def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
-    """Let jobs share decoded files where two restorations read the same view.
-
-    They do by two methods, and by one that reads a target's neighbours.
-    """
-    read = [
-        (plan.job.dataset.label, task.base.scene, task.view.name)
-        for plan in planned
-        for task in plan.todo
-    ]
-    reads_neighbours = any(
-        "poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned
-    )
-    reads_again = reads_neighbours or len(set(read)) < len(read)
-    return [
-        replace(
-            plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again)
-        )
-        for plan in planned
-    ]
+def _shares_decoded(plan: Planned, n_jobs: int) -> bool:
+    """Whether a job stores decoded files, because another restoration reads them. n_jobs: on its dataset."""
+    reads_neighbours = "poses" in plan.job.method.plugin.needs and len(plan.todo) > 1
+    is_read_again = plan.job.cache_keep or reads_neighbours or n_jobs > 1
+    return plan.job.cache_gb > 0 and is_read_again
 
 
 def stored_rows(job: Job, **labels: str) -> DataFrame:
@@ -361,8 +336,7 @@ def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Pla
         for scene, of_scene in tasks_by_scene(replace(job, shard=Shard()), scenes).items():
             over[scene] = tuple(of_scene[k] for k in evenly(len(of_scene), MOST_SHOWN_OVER))
     todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
-    before = frozenset(values_of(restoration_rows(rows), "scene", "view", "time"))
-    return Planned(job, every, todo, before, over)
+    return Planned(job, every, todo, over, by_scene=is_of_scene(job.method.display))
 
 
 def names_hash(views: Iterable[str]) -> str:
@@ -431,78 +405,53 @@ def _made(choice: Choice, out: Path) -> Any:
         raise InputError(one_line(fault), choice.plugin.name, "mend its options") from fault
 
 
-_DataOf = Mapping[tuple[str, str], Mapping[str, str]]
+def _clashes(planned: Sequence[Planned], rows: DataFrame) -> Iterator[str]:
+    """Yield the labels that stand for something else in the output folder: their results would be overwritten.
 
-
-def _data_of(rows: DataFrame) -> _DataOf:
-    """Return the dataset's options by data_id, by its label and scene, of rows that did not fail."""
-    data_of = defaultdict[tuple[str, str], dict[str, str]](dict)
-    about = ("dataset", "scene", "data_id", "options")
-    worked = rows[rows["status"] != "failed"].drop_duplicates(list(about))
-    for dataset, scene, data_id, options in values_of(worked, *about):
-        of_dataset = json.loads(options or "{}").get("dataset", {})
-        data_of[dataset, scene][data_id] = results.fingerprint(of_dataset)[0]
-    return data_of
-
-
-def _replaces_other_data(plan: Planned, data_of: _DataOf) -> bool:
-    """Whether a job's dataset has other options and other data than the stored rows with its label.
-
-    data_of: see `_data_of`. Other data with the same options are files that changed, which are restored again.
+    What failed may be tried another way.
     """
-    dataset = plan.job.dataset
-    own = results.fingerprint(dataset.record)[0]
-    for scene, data_id in {(task.base.scene, task.base.data_id) for task in plan.tasks}:
-        stored = data_of.get((dataset.label, scene), {})
-        is_known = data_id in stored or own in stored.values()
-        if stored and not is_known:
-            return True
-    return False
-
-
-def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
-    """Labels that already stand for something else in the output folder: their results would be overwritten."""
-    clashes = list[str]()
-    known = rows[["dataset", "method", "scene", "options_id", "status"]].drop_duplicates()
-    by_dataset = known.groupby("dataset")
-    methods_of = by_dataset["method"].unique().to_dict()
-    scenes_of = by_dataset["scene"].unique().to_dict()
-    # what failed may be tried another way
-    worked = known[known["status"] != "failed"]
-    options_of = worked.groupby(["dataset", "method"])["options_id"].agg(set).to_dict()
-    data_of = _data_of(rows)
+    about = ["dataset", "method", "scene", "data_id", "options", "options_id"]
+    worked = rows.loc[rows["status"] != "failed", about].drop_duplicates()
     for plan in planned:
         job = plan.job
-        dataset = job.dataset.label
-        methods = methods_of.get(dataset, ())
-        for choice, labels in ((job.dataset, methods_of), (job.method, methods)):
-            folder = as_one_file(choice.label)
-            if choice.label not in labels:
-                clashes += [
-                    f"{job.out}: '{choice.label}' would share a folder with '{other}'; "
-                    f"give another {choice.label_option}"
-                    for other in sorted(labels)
-                    if as_one_file(other) == folder
-                ]
+        of_dataset = worked[worked["dataset"] == job.dataset.label]
+        yield from _shared_folders(job.out, job.dataset, worked["dataset"].unique())
+        yield from _shared_folders(job.out, job.method, of_dataset["method"].unique())
         if job.overwrite == "always":
             continue
-        scenes = {
-            results.unreplicated(scene)[0] for scene in scenes_of.get(dataset, ()) if scene
-        }
-        if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
-            clashes.append(
-                f"{job.out}: its '{dataset}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
-                f"give another out=... or {job.dataset.label_option}"
-            )
-        if _replaces_other_data(plan, data_of):
-            clashes.append(
-                f"{job.out}: its '{dataset}' has other options and data; "
+        if len(of_dataset) and plan.tasks and _is_of_other_data(plan, of_dataset):
+            yield (
+                f"{job.out}: its '{job.dataset.label}' has other options and data; "
                 f"give another out=... or {job.dataset.label_option}, or overwrite=always"
             )
-        options_id = results.fingerprint(job.method.record)[1]
-        if options_of.get(plan.labels, {options_id}) != {options_id}:
-            clashes.append(
+        of_method = of_dataset[of_dataset["method"] == job.method.label]
+        if (of_method["options_id"] != base_row(job).options_id).any():
+            yield (
                 f"{job.out}: its '{job.method.label}' has other options; "
                 f"give another {job.method.label_option}, or overwrite=always"
             )
-    return clashes
+
+
+def _shared_folders(out: Path, choice: Choice, labels: Iterable[str]) -> Iterator[str]:
+    """Yield the stored labels whose folder another label would write into."""
+    for label in labels:
+        if label != choice.label and as_one_file(label) == as_one_file(choice.label):
+            remedy = f"give another {choice.label_option}"
+            yield f"{out}: '{choice.label}' would share a folder with '{label}'; {remedy}"
+
+
+def _is_of_other_data(plan: Planned, stored: DataFrame) -> bool:
+    """Whether a job's dataset has other options and other data than the rows with its label.
+
+    Other data with the same options are files that changed, which are restored again.
+    """
+    own = results.fingerprint(plan.job.dataset.record)[0]
+    for text in stored["options"].unique():
+        of_dataset = json.loads(text).get("dataset", {})
+        if results.fingerprint(of_dataset)[0] == own:
+            return False
+    known = set(values_of(stored, "scene", "data_id"))
+    scenes = {scene for scene, _ in known}
+    data = {(task.base.scene, task.base.data_id) for task in plan.tasks}
+    of_known_scenes = {one for one in data if one[0] in scenes}
+    return not of_known_scenes or not of_known_scenes <= known

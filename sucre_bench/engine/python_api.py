@@ -1,7 +1,7 @@
 """Functions for Python scripts: load scenes, restore a view, score the restoration, list plugins and experiments."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arguments import check_argument, checked
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
@@ -29,12 +29,7 @@ from sucre_bench.thumbnails import as_html
 
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
-# What rows take of a restoration's `info`, with its type.
-_INFO: dict[str, Any] = dict.fromkeys(
-    ("display", "dataset", "scene", "view", "method", "code", "data_id", "device"), str
-)
-_INFO |= {"options": Mapping[str, object], "seconds": float, "peak_mb": float}
-# Of these, what rows have as it is.
+# What rows have as `info` of a restoration has it.
 _SAME = {"scene", "method", "code", "data_id", "seconds", "peak_mb"}
 
 
@@ -62,7 +57,7 @@ class Restored(Restoration):
 
     @property
     def picture(self) -> Array:
-        """(H, W, 3) like `shown`, but with filled pixels: the picture that `save` writes and `show` shows."""
+        """(H, W, 3) like `shown`, but with filled pixels: the picture that `save` writes."""
         shown, filled = displayed(self, self.display, self.encoding)
         return shown if filled is None else np.asarray(np.where(np.isnan(shown), filled, shown))
 
@@ -87,21 +82,6 @@ class Restored(Restoration):
                 path,
                 f"end it in .npz or {', '.join(SUFFIXES)}",
             )
-
-    def show(self) -> None:
-        """Show the restored image in the notebook, or in the system's viewer."""
-        from PIL import Image
-
-        picture = Image.fromarray(to_8bit(self.picture))
-        try:
-            from IPython import get_ipython
-            from IPython.display import display as display_in_notebook
-        except ImportError:
-            get_ipython = None
-        if get_ipython is not None and get_ipython() is not None:
-            display_in_notebook(picture)
-        else:
-            picture.show()
 
 
 @checked
@@ -134,21 +114,15 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     >>> load_scene("demo", views=2, width=160, height=120)["view_001.png"].rgb.shape
     (120, 160, 3)
     """
-    where = f"dataset '{name}'"
-    names = []
+    scenes = dict[str, Scene]()
     for found in load_scenes(name, **options):
         if found.name == scene:
             return found
-        names.append(found.name)
-        only = found
-    if not names:
-        raise InputError("has no scene", where, "check its options")
-    if scene:
-        raise InputError(f"has no scene '{scene}'", where, did_you_mean(scene, names))
-    if len(names) > 1:
-        remedy = f"give scene=, one of {', '.join(names)}"
-        raise InputError(f"has {len(names)} scenes", where, remedy)
-    return only
+        scenes[found.name] = found
+    if len(scenes) == 1 and not scene:
+        return found
+    fault = f"has no scene '{scene}'" if scene else f"has {len(scenes)} scenes"
+    raise InputError(fault, f"dataset '{name}'", did_you_mean(scene, scenes))
 
 
 @checked
@@ -262,23 +236,20 @@ def score(
     result = restoration_in_srgb(result, view)
     # None: not measured, not known
     info = {name: value for name, value in result.info.items() if value is not None}
-    for name in info.keys() & _INFO:
-        check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
     restored = info.get("view", view.name)
     if restored != view.name:
         remedy = "pass the view that was restored"
         raise InputError(f"is of {restored}, the view is {view.name}", "score(result)", remedy)
-    seed = info.get("options", {}).get("seed", 0)
-    check_argument("score(result.info['options']['seed'])", seed, int)
     how = how or info.get("display", "none")
-    options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
+    given = {**info.get("options", {}), "display": how}
+    options, options_id = results.fingerprint(given)
     shown = displayed(result, how, view.encoding)[0]
     base = results.Row(
         dataset=dataset or info.get("dataset", ""),
         view=view.name,
         options=options,
         options_id=options_id,
-        seed=int(seed),
+        seed=given.get("seed", 0),
         **{name: info[name] for name in info.keys() & _SAME},
     )
     rows = score_rows(

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame, evenly
@@ -26,7 +25,7 @@ from sucre_bench.jobs.job import CONFIG, Job, config_text
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import RESULTS_MARK, check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
-from sucre_bench.machine.text_formats import keep_traceback, masked
+from sucre_bench.machine.text_formats import keep_traceback, masked, now
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import KEYS, restoration_rows, restorations, tuples, values_of
@@ -67,13 +66,10 @@ class Outcome:
     rows: DataFrame
     """The score table of the folder, on common pixels where methods fill different ones."""
 
-    stored: DataFrame
-    """The same, each score on its method's own pixels, as it is stored."""
-
     requested_rows: DataFrame
     """Those of `rows` of the requested restorations."""
 
-    # Labels, in the order of the command.
+    # Labels of the requested restorations, in the order of the command.
     datasets: tuple[str, ...]
     methods: tuple[str, ...]
 
@@ -87,14 +83,14 @@ class Outcome:
     nothing_scored: bool
     """Whether metrics were requested, and none of them has a value for any view."""
 
-    cached: int = 0
-    scores_failed: tuple[Fault, ...] = ()
-    interrupted: bool = False
+    cached: int
+    scores_failed: tuple[Fault, ...]
+    interrupted: bool
 
-    crashed: bool = False
+    crashed: bool
     """Whether a process ended unexpectedly."""
 
-    hints: tuple[Hint, ...] = ()
+    hints: tuple[Hint, ...]
     """What to type against faults, one a method."""
 
     @property
@@ -139,6 +135,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
         check_results_folder(command.jobs[0].out)
         watch.start(command.jobs[0])
         planned = check(command)
+        started = now()
         first = command.jobs[0]
         _write_provenance(command, planned)
         watch.before(planned)
@@ -156,17 +153,19 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
                         run_alone(
                             "pairs of views", partial(score_across_views, planned), n_alone
                         )
-                    if compare.leaves_holes(results.merge(first.out)[0]):
-                        # else all methods fill the same pixels
-                        on_common_pixels = partial(score_on_common_pixels, planned, first.out)
+                    table = results.merge(first.out)
+                    if compare.leaves_holes(table[0]):  # else all methods fill the same pixels
+                        on_common_pixels = partial(score_on_common_pixels, planned, *table)
                         run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
             interrupted = True
         finally:
             if not crashed:  # else jobs may still be at work on a cluster
                 _remove_shared(command)
-            rows, common = results.merge(first.out)
-    return _outcome(rows, common, planned, interrupted, crashed)
+            table = results.merge(first.out)
+    missing = "missing" if interrupted else "failed"
+    ends = [*_ends(table[0], planned, started, missing)]
+    return _outcome(first, table, _requested(planned), ends, interrupted, crashed)
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
@@ -231,26 +230,28 @@ def _remove_shared(command: Command) -> None:
 
 
 def _ends(
-    rows: DataFrame, planned: Sequence[Planned], missing: str
+    rows: DataFrame, planned: Sequence[Planned], started: str, missing: str
 ) -> Iterator[tuple[str, bool, Fault]]:
     """Yield of each requested restoration the status, whether it was stored, and the reason.
 
-    missing: the status of one that has no row.
+    started: when the run began; missing: the status of one that has no row since then.
     """
     restored = restoration_rows(rows)
     keys = ("dataset", "method", "scene", "view")
-    told = values_of(restored, *keys, "status", "reason", "time")
-    states = {state[:4]: state[4:] for state in told}
+    states = {
+        row[:4]: row[4:] for row in values_of(restored, *keys, "status", "reason", "time")
+    }
     for plan in planned:
         todo = {id(task) for task in plan.todo}
+        of_job = states.get((*plan.labels, "", ""))
         for task in plan.tasks:
             is_cached = id(task) not in todo
+            of_view = states.get((*plan.labels, task.base.scene, task.view.name))
             status = missing
             reason = "did not finish"
             # what became of the whole job, unless there is more of the view
-            for name in (("", ""), (task.base.scene, task.view.name)):
-                state = states.get((*plan.labels, *name))
-                if state and (is_cached or (*name, state[2]) not in plan.before):
+            for state in (of_job, of_view):
+                if state and (is_cached or state[2] >= started):
                     status, reason, _ = state
             yield status, is_cached, Fault(plan.name, task.view.name, reason)
 
@@ -261,102 +262,82 @@ def _of(rows: DataFrame, restorations: Container[tuple[str, ...]]) -> DataFrame:
     return rows.loc[is_of].reset_index(drop=True)
 
 
-def _counted(
+def _requested(planned: Sequence[Planned]) -> dict[tuple[str, ...], set[str]]:
+    """The names of the metrics of each requested restoration."""
+    metrics = defaultdict[tuple[str, ...], set[str]](set)
+    for plan in planned:
+        dataset, method = plan.labels
+        names = {metric.plugin.name for metric in plan.job.metrics}
+        for task in plan.tasks:
+            metrics[dataset, task.base.scene, task.view.name, method] |= names
+    return metrics
+
+
+def outcome_of(job: Job, started: str) -> Outcome:
+    """Return the outcome of jobs that another sweeper chose, whose rows are from this time on."""
+    table = results.merge(job.out)
+    restored = restoration_rows(table[0])
+    fresh = restored[restored["time"] >= started]
+    names = {metric.plugin.name for metric in job.metrics}
+    ends = [
+        (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
+        for row in tuples(fresh)
+    ]
+    return _outcome(job, table, dict.fromkeys(values_of(fresh, *KEYS), names), ends)
+
+
+def _outcome(
     job: Job,
-    labels: Iterable[tuple[str, ...]],
+    table: tuple[DataFrame, DataFrame],
+    metrics: Mapping[tuple[str, ...], set[str]],
     ends: Sequence[tuple[str, bool, Fault]],
-    **more: Any,
+    interrupted: bool = False,
+    crashed: bool = False,
 ) -> Outcome:
-    """The outcome of jobs. labels: of their datasets and methods; ends: see `_ends`."""
-    datasets, methods = dict[str, None](), dict[str, None]()  # each once, in this order
-    for dataset, method in labels:
-        datasets[dataset] = None
-        methods[method] = None
+    """Count what became of the requested restorations and scores.
+
+    table: after the run, see `results.merge`; metrics: of each requested restoration; ends: see `_ends`.
+    """
+    rows = compare.on_pixels(*table)
+    requested = _of(rows, metrics)
+    is_asked = [
+        name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
+    ]
+    asked = requested.loc[is_asked]
 
     def faults(wanted: str) -> tuple[Fault, ...]:
         return tuple(fault for status, _, fault in ends if status == wanted)
 
     return Outcome(
-        datasets=tuple(datasets),
-        methods=tuple(methods),
+        rows=rows,
+        requested_rows=requested,
+        datasets=tuple(dict.fromkeys(key[0] for key in metrics)),
+        methods=tuple(dict.fromkeys(key[-1] for key in metrics)),
         job=job,
         ok=len(faults("ok")),
         cached=sum(is_cached for status, is_cached, _ in ends if status == "ok"),
         failed=faults("failed"),
         skipped=faults("skipped"),
-        **more,
-    )
-
-
-def _outcome(
-    rows: DataFrame,
-    common: DataFrame,
-    planned: Sequence[Planned],
-    interrupted: bool,
-    crashed: bool,
-) -> Outcome:
-    """Count what became of the requested restorations and scores. rows, common: the table after the run."""
-    metrics = defaultdict[tuple[str, ...], set[str]](set)  # of each requested restoration
-    for plan in planned:
-        names = {metric.plugin.name for metric in plan.job.metrics}
-        for task in plan.tasks:
-            metrics[plan.labels[0], task.base.scene, task.view.name, plan.labels[1]] |= names
-    first = planned[0].job
-    scores = compare.on_pixels(rows, common)
-    requested = _of(scores, metrics)
-    is_asked = [
-        name in metrics[tuple(key)] for *key, name in values_of(requested, *KEYS, "metric")
-    ]
-    asked = requested.loc[is_asked]
-    failed = tuples(asked[asked["status"] == "failed"])
-    return _counted(
-        first,
-        [plan.labels for plan in planned],
-        list(_ends(rows, planned, "missing" if interrupted else "failed")),
-        rows=scores,
-        stored=rows,
-        requested_rows=requested,
         scores_failed=tuple(
-            Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason) for r in failed
+            Fault(f"{row.dataset} / {row.method} / {row.metric}", row.view, row.reason)
+            for row in tuples(asked[asked["status"] == "failed"])
         ),
         interrupted=interrupted,
         crashed=crashed,
         nothing_scored=any(metrics.values()) and not (asked["status"] == "ok").any(),
-        hints=tuple(_hints(planned, _of(restorations(rows), metrics), first.out)),
+        hints=tuple(_hints(_of(restorations(table[0]), metrics), job.out)),
     )
 
 
-def outcome_of(job: Job, started: str) -> Outcome:
-    """Return the outcome of jobs that another sweeper chose, whose rows are from this time on."""
-    rows, common = results.merge(job.out)
-    fresh = rows[rows["time"] >= started]
-    restored = restoration_rows(fresh)
-    scores = compare.on_pixels(rows, common)
-    return _counted(
-        job,
-        values_of(restored, "dataset", "method"),
-        [
-            (row.status, False, Fault(f"{row.dataset} / {row.method}", row.view, row.reason))
-            for row in tuples(restored)
-        ],
-        rows=scores,
-        stored=rows,
-        requested_rows=_of(scores, set(values_of(restored, *KEYS))),
-        nothing_scored=not (fresh["status"] == "ok").any(),
-    )
-
-
-def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
+def _hints(restored: DataFrame, out: Path) -> Iterator[Hint]:
     """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
 
     restored: the rows of restored views. Hints that differ by numbers alone are one.
     """
-    by_labels = dict(iter(restored.groupby(["dataset", "method"])))
-    for labels in dict.fromkeys(plan.labels for plan in planned):
-        rows = by_labels.get(labels, restored[:0])
-        rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
+    for labels, rows in restored.groupby(["dataset", "method"], sort=False):
+        some = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
         kinds, first = Counter[str](), dict[str, str]()
-        for row in tuples(rows):
+        for row in tuples(some):
             try:
                 found = read_record(row, out).get("hints", ())
             except InputError:  # damaged; the picture may be whole
@@ -366,4 +347,4 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
             first = of_view | first
         if kinds:
             kind, n_views = kinds.most_common(1)[0]
-            yield Hint(" / ".join(labels), n_views, len(rows), first[kind])
+            yield Hint(" / ".join(labels), n_views, len(some), first[kind])

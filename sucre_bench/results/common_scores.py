@@ -34,8 +34,6 @@ LEAST_DIFFERENCE = 0.01
 # A method that fills a smaller share of an image would leave the others next to nothing: it has no score of this view.
 LEAST_FILLED = 0.01
 
-ViewKey = tuple[str, str, str]  # dataset, scene, view
-
 
 def kind_of(status: str, code: str) -> Kind:
     """Return what the row that stands for a view says of its common pixels."""
@@ -54,13 +52,6 @@ def filled_restorations(rows: DataFrame) -> DataFrame:
     """Return the rows of restorations that fill enough of their view to take part."""
     whole = restorations(rows)
     return whole[whole["coverage"] >= LEAST_FILLED]
-
-
-def differing_views(whole: DataFrame) -> set[ViewKey]:
-    """Return the views that several methods restored, one of them with holes. whole: rows of restorations."""
-    by_view = whole.groupby(["dataset", "scene", "view"], sort=False)
-    may_differ = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
-    return set(may_differ.index[may_differ])
 
 
 @dataclass(frozen=True)

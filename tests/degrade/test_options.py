@@ -151,7 +151,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(
             {"degrade.add_water", "B", "[0, 1]", "beta"},
         ),
         ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]"}),
-        ("add_water=absent.json", {"absent.json", "file"}),
+        ("add_water=absent.json", {"degrade.add_water", "nine"}),
     ],
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, named: set[str]):

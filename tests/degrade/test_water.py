@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,40 +52,23 @@ def test_a_pixel_without_depth_is_as_deep_under_water_as_its_nearest_neighbour()
         _ = degraded(of(photo(), np.zeros((60, 80))), add_water=NINE)["a.png"].rgb
 
 
-def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
-    file = tmp_path / "bay.json"
+def test_water_is_given_as_numbers_or_itself():
     B, beta, gamma = np.reshape(NINE, (3, 3))
-    file.write_text(
-        json.dumps({"B": list(B), "beta": list(beta), "gamma": list(gamma), "else": 1})
-    )
     given = [
-        Degradation(add_water=w)
-        for w in (list(NINE), str(file), file, Water(B, beta, gamma), np.array(NINE))
+        Degradation(add_water=w) for w in (list(NINE), Water(B, beta, gamma), np.array(NINE))
     ]
     assert len({d.data_id("x") for d in given}) == 1
     assert given[0].labelled("air") == "air,add_water=0.1_0.2_0.3_0.4_0.2_0.1_0.3_0.2_0.15"
-    assert given[1].labelled("air").startswith("air,add_water=bay-")
-    other = tmp_path / "sub" / "bay.json"
-    other.parent.mkdir()
-    other.write_text(file.read_text().replace("0.15", "0.16"))
-    assert Degradation(add_water=other).labelled("air") != given[1].labelled("air")
+
+
+def test_water_is_added_to_intensities_that_it_explains():
+    parts = np.reshape(NINE, (3, 3))
+    assert degraded(many(), add_water=Water(*parts, "gamma"))[0].rgb.any()
+    with pytest.raises(InputError, match=r"linear.*gamma"):
+        _ = degraded(many(), add_water=Water(*parts, "linear"))[0].rgb
 
 
 # -- labels, hashes, runs --------------------------------------------------------------------------------
-
-
-def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):
-    told = {
-        "B": [0.1, 0.2, 0.3],
-        "beta": [0.4, 0.2, 0.1],
-        "gamma": [0.3, 0.2, 0.1],
-        "cost": [1],
-    }
-    for encoding in ("gamma", "linear"):
-        (tmp_path / f"{encoding}.json").write_text(json.dumps(told | {"encoding": encoding}))
-    assert degraded(many(), add_water=tmp_path / "gamma.json")[0].rgb.any()
-    with pytest.raises(InputError, match=r"linear.*gamma"):
-        _ = degraded(many(), add_water=tmp_path / "linear.json")[0].rgb
 
 
 @pytest.mark.parametrize("grain", [0.0, 3.0])

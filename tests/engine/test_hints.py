@@ -1,4 +1,4 @@
-"""Hints come after the table, one a method, in words that the same command takes; neighbours are named before it."""
+"""Hints come after the table, one a method, in words that the same command takes."""
 
 from collections.abc import Callable
 from pathlib import Path

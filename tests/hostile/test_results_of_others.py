@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -32,13 +31,12 @@ class Evil:
 """
 COMMANDS = {
     "bundle": "bundle theirs out.zip",
-    "bundle with code": "bundle theirs out.zip --code",
     "compare": "compare theirs mine",
     "report": "report theirs",
     "study": "study theirs --methods evil,clahe --out out.html",
     "track": "track theirs --uri sqlite:///mlflow.db",
 }
-OF_CONFIG = ("bundle", "bundle with code", "compare")
+OF_CONFIG = ("bundle", "compare")
 
 # 10 levels of merge keys or aliases, each twice the one before: 400 bytes that stand for a thousand values, and with 30
 # levels for more than fits into any machine.
@@ -85,26 +83,13 @@ def test_code_that_a_results_folder_names_does_not_run(place: Path, name: str):
     assert not (place / "ran").exists()
     if name.startswith("bundle"):  # the others need no code
         assert "evil.py" in done.stderr
-        assert "--plugin" in done.stderr
 
 
 @pytest.mark.parametrize("name", OF_CONFIG)
 def test_the_option_plugin_loads_it(place: Path, name: str):
     done = run_here(place, *COMMANDS[name].split(), "--plugin", "evil.py")
     assert done.returncode == 0, done.stderr
-    assert "--plugin" not in done.stderr or name == "bundle"  # which says how to add the code
-
-
-def test_a_bundle_takes_no_file_as_code_that_was_not_loaded(place: Path):
-    """A results folder may name any file of this machine as its plugin."""
-    (place / "secret.txt").write_text("a secret")
-    with (place / "mine/experiment.yaml").open("a") as experiment:
-        experiment.write(f"plugins: [{place / 'secret.txt'}]\n")
-    done = run_here(place, "bundle", "mine", "out.zip", "--code")
-    assert done.returncode == 0
-    assert "secret.txt" in done.stderr
-    with zipfile.ZipFile(place / "out.zip") as archive:
-        assert not [name for name in archive.namelist() if b"a secret" in archive.read(name)]
+    assert "--plugin" not in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -29,10 +29,13 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Arrays": (sb.Arrays, {"rgb": RGB, "depth": DEPTH, "reference": RGB}),
     "Camera": (sb.Camera, {"K": K, "width": 16, "height": 12}),
     "Chart": (sb.Chart, {"name": "near", "kind": "dgk", "corners": K[:2].repeat(2, 0)[:, :2]}),
-    "Compared": (sb.Compared, {"scene": SCENE, "labels": ("a",), "rows": ROWS}),
+    "Compared": (
+        lambda **given: sb.Compared(rows=ROWS, **given),
+        {"scene": SCENE, "labels": ("a",)},
+    ),
     "Compared.plot": (
         COMPARED.plot,
-        {"view": 0, "labels": ["gray_world"], "metric": "uciqe", "height": 40},
+        {"view": 0, "height": 40},
     ),
     "Degradation": (
         sb.Degradation,
@@ -165,7 +168,6 @@ TAKEN: dict[str, str] = {
     "total": "None int",
     "n_pixels": "int",
     "info": "dict",
-    "Compared.rows": "table",
     "are_neighbours": "bool",
 }
 

@@ -23,19 +23,19 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def scores(text: str) -> pd.DataFrame:
-    return pd.read_csv(io.StringIO(text), keep_default_na=False)
+    return pd.read_json(io.StringIO(text))
 
 
 @pytest.fixture
 def psnr(bench, folders):
-    """A command that scores the pictures against the references by PSNR, as CSV."""
+    """A command that scores the pictures against the references by PSNR."""
     return lambda *words: bench(
         "score", str(folders[0]), "--reference", str(folders[1]), "--metrics", "psnr", *words
     )
 
 
 def test_a_folder_is_scored_against_references_of_the_same_names(psnr):
-    done = psnr("--format", "csv")
+    done = psnr("--json")
     assert done.returncode == 0
     rows = scores(done.stdout)
     of_psnr = rows[rows["metric"] == "psnr"]
@@ -46,11 +46,11 @@ def test_a_folder_is_scored_against_references_of_the_same_names(psnr):
 
 
 def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders):
-    rows = scores(bench("score", str(folders[0]), "--format", "csv").stdout)
+    rows = scores(bench("score", str(folders[0]), "--json").stdout)
     variants = rows.groupby("metric")["variant"].nunique()
     assert set(variants.index) == {"uciqe", "uiqm", "uicm", "uism", "uiconm", "saturated_red"}
     assert variants.drop("saturated_red").min() >= 5
-    compared = bench("score", "images", "--reference", "truth", "--format", "csv").stdout
+    compared = bench("score", "images", "--reference", "truth", "--json").stdout
     of_references = {"psnr", "ssim", "colours", "colours_de00"}
     assert set(scores(compared)["metric"]) == of_references | set(variants.index)
 
@@ -68,7 +68,7 @@ def test_what_cannot_be_scored_is_named_and_the_others_are_scored(
     psnr, folders, of: str, change: Callable[[Path], object], named: str
 ):
     change(folders[0].with_name(of) / "a.png")
-    done = psnr("--format", "csv")
+    done = psnr("--json")
     assert done.returncode == 1
     assert re.search(named, done.stderr)
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1

@@ -353,24 +353,6 @@ def test_odd_words_in_a_table_are_faults_and_no_crash(
     assert not (folder / "etc").exists()
 
 
-def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_path: Path):
-    """It is data to `verify`; whoever unpacks it runs the experiment as it is."""
-    words = (
-        "code.zip",
-        "--pictures",
-        "restored",
-        "--code",
-        "--plugin",
-        str(folder / "half.py"),
-    )
-    assert bench("bundle", str(folder / "results"), *words).returncode == 0
-    with zipfile.ZipFile(tmp_path / "code.zip") as archive:
-        archive.extractall(tmp_path / "unpacked")
-    assert verified(bench, "code.zip")[0] == 0
-    words = ("run", "experiment.yaml", "out=again", "dataset=demo", "first=1", *QUIET)
-    assert "half" in succeeded(tmp_path / "unpacked", *words).stdout
-
-
 def test_plugin_files_that_a_configuration_names_are_not_loaded(
     bench, bundles: Path, tmp_path: Path
 ):
