@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arguments import array_of, checked
+from sucre_bench.arguments import array_of, checked, checked_fields
 from sucre_bench.arrays import Array, Mask, coloured, evenly
 from sucre_bench.camera import Camera, distance_map, is_rigid
 from sucre_bench.errors import InputError, did_you_mean
@@ -39,8 +39,8 @@ _KEPT_BYTES = 768 << 20
 _LEAST_KEPT_BYTES = _KEPT_BYTES // 256
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Water:
     """The parameters of the water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
 
@@ -88,8 +88,8 @@ class Water:
         )
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Chart:
     """A colour chart in a view.
 
@@ -187,8 +187,8 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     raise InputError(fault, place, remedy)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Arrays:
     """Pixels that are already in memory.
 
@@ -226,8 +226,8 @@ class Arrays:
         return None if values is None else np.array(values, dtype=np.float32)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class View:
     """One photograph of a scene, with its camera, pose, depth and charts.
 
@@ -423,8 +423,8 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     return values
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Scene:
     """Views of one place in one water.
 
@@ -519,8 +519,8 @@ class Scene:
         return len(self.views)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Restoration:
     """The result of a method for a view.
 
@@ -541,7 +541,7 @@ class Restoration:
     confidence: Array | None = None
     """(H, W): the standard deviation of `image` or the method's own measure; or None."""
 
-    info: dict[str, Any] = field(default_factory=dict)
+    info: dict[Any, Any] = field(default_factory=dict)
     """Any other results by name, for example cost, iterations, "device". They are stored beside the picture."""
 
     filled: Array | None = None
@@ -576,8 +576,8 @@ class Restoration:
         return coloured(self.image)
 
 
-@checked
 @dataclass(frozen=True)
+@checked_fields
 class Score:
     """One number of a metric, for one region of a view.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked_fields
 from sucre_bench.errors import InputError, MissingFileError, unknown_name
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.options import check_ranges
@@ -95,8 +95,8 @@ _OF = {
 }
 
 
-@checked
 @dataclass(frozen=True)
+@checked_fields
 class Degradation:
     """A known way to make a dataset worse. The default changes nothing.
 
