@@ -72,7 +72,7 @@ def checked_fields(cls: type[T]) -> type[T]:
 def check_argument(place: str, value: Any, hint: Any) -> None:
     """Raise InputError unless a value fits a type, see `fits`. place: as the user typed it."""
     if not fits(value, hint):
-        raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}")
+        raise InputError(f"is {shown_value(value)}", place, f"pass {wording(hint)}")
 
 
 def fits(value: object, hint: Any) -> bool:
@@ -146,14 +146,16 @@ def _our_check(kind: Any, *_: object) -> TypeCheckerCallable | None:
 typeguard.checker_lookup_functions.insert(0, _our_check)
 
 
-def _wording(hint: Any) -> str:
-    """What to pass for a type: "a number or None"."""
-    if get_origin(hint) in (Union, UnionType):
-        return " or ".join(map(_wording, get_args(hint)))
-    if get_origin(hint) is Literal:
-        return " or ".join(map(repr, get_args(hint)))
-    if get_origin(hint) in (Sequence, Iterable, list):
-        return f"a list of {_wording(get_args(hint)[0])}"
+def wording(hint: Any) -> str:
+    """Return what to pass for a type: "a number or None"."""
+    origin = get_origin(hint)
+    inner = [one for one in get_args(hint) if one is not ...]
+    if origin in (Union, UnionType):
+        return " or ".join(map(wording, inner))
+    if origin is Literal:
+        return " or ".join(map(repr, inner))
+    if origin in (Sequence, Iterable, list, tuple):
+        return f"a {'tuple' if origin is tuple else 'list'} of {', '.join(map(wording, inner))}"
     return _WORDS.get(hint) or re.sub(r"\w+\.", "", inspect.formatannotation(hint))
 
 

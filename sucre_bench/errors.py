@@ -6,7 +6,7 @@ import difflib
 import errno
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, Literal
 
 
@@ -217,12 +217,12 @@ def unknown_name(
     return InputError(f"no {what} '{name}'", place, did_you_mean(name, known))
 
 
-def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
+def is_number_in(interval: str, value: Any) -> bool:
     """Whether a value is a number in an interval, for example "[0, 1)"; "(" and ")" exclude the bound.
 
-    NaN is in no interval. True and False are no numbers. whole: accept only whole numbers.
+    NaN is in no interval. True and False are no numbers.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return False
     number: Any = value  # not as a float: a whole number may be greater than any
     low, high = (float(bound) for bound in interval[1:-1].split(","))

@@ -10,6 +10,7 @@ import contextlib
 import functools
 import inspect
 import itertools
+import marshal
 import math
 import os
 import textwrap
@@ -19,12 +20,13 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from sucre_bench.arguments import check_argument, fits
+from sucre_bench.arguments import check_argument, fits, wording
 from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.machine.records import records_above, stored_record
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.call_method import typed_before, word_before
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.registry import find, get, is_name
@@ -127,27 +129,28 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        option = known[name]
-        paths = value if isinstance(value, (list, tuple)) else [value]
-        is_blank = any(isinstance(path, str) and not path.strip() for path in paths)
-        if is_blank and Path in option.kinds:
-            # else it would be the current folder
-            raise InputError("is empty", where, "give a path")
-        value = typed(option.type, value)
-        if option.is_closed and value not in option.choices:
-            remedy = did_you_mean(str(value), option.choices)
-            raise InputError(f"'{value}' is not a choice", where, remedy)
-        check_argument(where, value, option.type)
-        each = value if isinstance(value, (list, tuple)) else [value]
-        # Options of a run have ranges, which name the numbers that are allowed.
-        if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
-            raise InputError(f"{value} is not a finite number", where, "give one")
-        values[name] = value
+        values[name] = _checked_value(where, value, known[name])
     for option in known.values():
         if option.is_required and option.name not in values:
-            word = f"{plugin.kind if plugin else place}.{option.name}={'FOLDER' if option.name == 'root' else 'VALUE'}"
-            raise InputError("must be given", f"{owner}.{option.name}", f"add {word}")
+            example = "FOLDER" if option.name == "root" else "VALUE"
+            remedy = f"add {plugin.kind if plugin else place}.{option.name}={example}"
+            raise InputError("must be given", f"{owner}.{option.name}", remedy)
     return values
+
+
+def _checked_value(place: str, given: Any, option: Option) -> Any:
+    value = typed(option.type, given)
+    each = value if isinstance(value, (list, tuple)) else [value]
+    if Path in option.kinds and not all(str(one).strip() for one in each):
+        # else it would be the current folder
+        raise InputError("is empty", place, "give a path")
+    if option.is_closed and value not in option.choices:
+        remedy = did_you_mean(str(value), option.choices)
+        raise InputError(f"'{value}' is not a choice", place, remedy)
+    check_argument(place, value, option.type)
+    if not all(math.isfinite(one) for one in each if isinstance(one, float)):
+        raise InputError(f"{value} is not a finite number", place, "give one")
+    return value
 
 
 def typed(annotation: Any, value: Any) -> Any:
@@ -157,26 +160,25 @@ def typed(annotation: Any, value: Any) -> Any:
     if lists and isinstance(value, (list, tuple)):
         elements = [typed(get_args(lists[0])[0], one) for one in value]
         return tuple(elements) if get_origin(lists[0]) is tuple else elements
-    if annotation in lists or not isinstance(value, (str, Path, int, float)):
-        return value
-    # as it was typed: a file may be called true
-    text = str(value).lower() if isinstance(value, bool) else str(value)
-    if Path in kinds:
-        return expanded(text)
-    if float in kinds and int not in kinds and type(value) is int:
-        return float(value)
+    if Path in kinds and isinstance(value, (str, Path)):
+        return expanded(value) if str(value).strip() else value
     if fits(value, annotation):
-        return value
-    if value == "None" and type(None) in kinds:  # the word of Python, which messages have
-        return None
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            if kind in kinds and isinstance(value, str):
-                return kind(value)
-    if bool in kinds and isinstance(value, str) and value.lower() in ("true", "false"):
-        return value.lower() == "true"
-    is_word = str in kinds or str(value) in kinds  # "nan" may be a word of a Literal
-    return text if is_word and isinstance(value, (int, float)) else value
+        is_float = float in kinds and int not in kinds
+        return float(value) if is_float and type(value) is int else value
+    if isinstance(value, str):
+        import yaml
+
+        # None is the word of Python, which messages have
+        with contextlib.suppress(yaml.YAMLError):
+            value = read_yaml("null" if value == "None" else value)
+    elif isinstance(value, (int, float)):
+        # as it was typed: a file may be called true, and "nan" may be a word of a Literal
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        if Path in kinds:
+            return expanded(text)
+        if str in kinds or text in kinds:
+            return text
+    return value
 
 
 def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
@@ -186,28 +188,19 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
     in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
     """
-    kinds_of = {option.name: option.kinds for option in options_of(type(options))}
+    types = {option.name: option.type for option in options_of(type(options))}
     for option, interval in ranges.items():
         value = getattr(options, option)
-        kinds = kinds_of[option]
-        is_whole, is_many, is_optional = (
-            float not in kinds,
-            get_origin(kinds[0]) is tuple,
-            type(None) in kinds,
-        )
-        each = value if is_many and isinstance(value, (tuple, list)) else [value]
-        if is_many != (each is value) or not all(
-            is_number_in(interval, one, is_whole) for one in each
+        each = value if isinstance(value, tuple) else (value,)
+        numbers = [one for one in each if one is not None]
+        if not fits(value, types[option]) or not all(
+            is_number_in(interval, number) for number in numbers
         ):
-            if value is None and is_optional:
-                continue
             before = word_before(type(options).__plugin__.name) if place is None else place
-            noun = "whole number" if is_whole else "number"
-            noun = f"{noun}s" if is_many else f"a {noun}"
-            or_none = " or none" if is_optional else ""
-            fault = shown_value(value)
-            remedy = f"give {noun} in {interval}{or_none}"
-            raise InputError(fault, f"{before}.{option}" if before else option, remedy)
+            remedy = f"give {wording(types[option])} in {interval}"
+            raise InputError(
+                shown_value(value), f"{before}.{option}" if before else option, remedy
+            )
 
 
 def plain_value(value: Any) -> Any:
@@ -383,24 +376,17 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
     hidden files and `__pycache__`.
     """
-    sources = [(plugin, _source_of(plugin)) for plugin in used]
-    typed_in = []  # what there is of a plugin without a file: the compiled code of what its class defines
-    for plugin in (plugin for plugin, source in sources if source is None):
-        codes = (
-            (name, getattr(value, "__code__", None))
-            for name, value in sorted(vars(plugin.cls).items())
-        )
-        typed_in.append(
-            [
-                (name, (code.co_code, repr(code.co_consts), code.co_names))
-                for name, code in codes
-                if code
-            ]
-        )
-    places = tuple(source for _, source in sources if source)
+    places = [_source_of(plugin.cls, plugin.kind) for plugin in used]
+    # what there is of a plugin without a file: the compiled code of what its class defines
+    typed_in = [
+        marshal.dumps(value.__code__, 2)
+        for plugin, place in zip(used, places, strict=True)
+        for value in vars(plugin.cls).values()
+        if place is None and inspect.isfunction(value)
+    ]
     stamps = [stamp for place in files for stamp in _stamps(place)]
     packages = {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}
-    return hash_of(places, packages, (typed_in, stamps))
+    return hash_of(tuple(filter(None, places)), packages, (typed_in, stamps))
 
 
 def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
@@ -413,18 +399,12 @@ def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
             yield str(within), state.st_size, state.st_mtime_ns
 
 
-def _source_of(plugin: Plugin) -> Path | None:
+def _source_of(cls: type[Any], kind: Kind) -> Path | None:
     """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
     try:
-        source = inspect.getsourcefile(plugin.cls)
+        file = Path(inspect.getsourcefile(cls) or "")
     except (OSError, TypeError):
-        source = None
-    return None if source is None else _file_or_folder(source, plugin.kind)
-
-
-@functools.cache
-def _file_or_folder(source: str, kind: str) -> Path:
-    file = Path(source)
+        return None
     shared = (Path(__file__).parent.parent / f"{kind}s").resolve()
     has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
     return file.parent if has_folder else file
