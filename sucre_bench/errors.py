@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import errno
 from collections.abc import Callable, Iterable
@@ -30,10 +31,9 @@ class SucreBenchError(Exception):
         self.text = f"{fault}; {remedy}" if remedy else fault
         super().__init__(self._at_place(self.text))
 
-    def __reduce__(
-        self,
-    ) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
-        return _again, (type(self), self.args, self.__dict__)
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Without `__init__`, for some errors have other parameters.
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
     @property
     def without_remedy(self) -> str:
@@ -51,15 +51,6 @@ class SucreBenchError(Exception):
     def within(self, place: object) -> InputError:
         """Return the error with a place before its own: the file that holds a wrong name, say."""
         return InputError(self.without_remedy, place, self.remedy)
-
-
-def _again(
-    cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]
-) -> SucreBenchError:
-    """Make an error that was sent from another process."""
-    fault = cls.__new__(cls, *args)
-    fault.__dict__.update(fields)
-    return fault
 
 
 class LinesError(SucreBenchError):
