@@ -227,14 +227,6 @@ def is_want_of_room(fault: OSError) -> bool:
 
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
-    if fault.errno == errno.EFBIG:
-        return OutputError(
-            "is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`"
-        )
-    if fault.errno in _TOO_MANY:
-        return OutputError(
-            "too many files are open", path, "allow more, for example `ulimit -n 1024`"
-        )
     if fault.errno in _FULL:
         return DiskFullError("the disk is full", path, "free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
