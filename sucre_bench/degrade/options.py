@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arguments import checked_fields
-from sucre_bench.errors import InputError, MissingFileError, unknown_name
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Water
@@ -34,12 +34,9 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         from sucre_bench.results import water_file
 
         path = expanded(given)
-        remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
-        try:
-            water = water_file.read_water(path)
-        except FileNotFoundError:
-            raise MissingFileError("no such file", path, remedy) from None
+        water = water_file.read_water(path)
         if water is None:
+            remedy = "give a JSON file with B, beta and gamma"
             raise InputError("no B, beta and gamma in it", path, remedy)
         return read_water(water, str(path))
     try:

@@ -12,7 +12,6 @@ import inspect
 import itertools
 import marshal
 import math
-import os
 import textwrap
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -148,7 +147,9 @@ def _checked_value(place: str, given: Any, option: Option) -> Any:
         remedy = did_you_mean(str(value), option.choices)
         raise InputError(f"'{value}' is not a choice", place, remedy)
     check_argument(place, value, option.type)
-    if not all(math.isfinite(one) for one in each if isinstance(one, float)):
+    # Options of a run have ranges, which name the numbers that are allowed.
+    is_of_plugin = hasattr(option.cls, "__plugin__")
+    if is_of_plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
         raise InputError(f"{value} is not a finite number", place, "give one")
     return value
 
@@ -274,18 +275,15 @@ class Choice:
         with typed_before(self.word):
             made = plugin.cls(**{**self.options, **seed})
         for option, path in read_by_options(plugin, self.options):
-            if isinstance(path, Plugin):
+            if isinstance(path, Plugin) or path.is_dir():
                 continue
-            # `Path.resolve` would follow links.
-            absolute = Path(os.path.abspath(path))  # noqa: PTH100
-            is_ours = out is not None and absolute.is_relative_to(os.path.abspath(out))  # noqa: PTH100
-            may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
-            if not may_come and (fault := fault_of(path)) and not path.is_dir():
+            is_ours = out is not None and path.absolute().is_relative_to(out.absolute())
+            may_come = not path.exists() and (is_ours or stored_record(path))
+            fault = fault_of(path)
+            if fault and not may_come:
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-                before = self.word or plugin.kind
-                raise InputError(
-                    fault, path, f"give a path that exists in {before}.{option.name}{words}"
-                )
+                where = f"{self.word or plugin.kind}.{option.name}"
+                raise InputError(fault, path, f"give a path that exists in {where}{words}")
         return made
 
     @property
@@ -323,18 +321,12 @@ def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
             f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is"
         )
     plugin = find(kind, values.pop("name"))
-    label, display = typed(str | None, values.pop("label", None)), values.pop("display", "")
+    label = typed(str | None, values.pop("label", None))
+    display = values.pop("display", "")
     check_argument(f"{kind}.label", label, str | None)
     check_argument(f"{kind}.display", display, str)
     if kind == "method":
-        try:
-            normalisation(display)
-        except InputError as fault:
-            raise InputError(
-                f"'{display}' is unknown", "method.display", fault.remedy
-            ) from fault
-    if label and not label.strip():
-        raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
+        normalisation(display)
     options = checked_options(plugin.cls, values, word)
     return Choice(plugin, label or plugin.name, options, display, word=word)
 
