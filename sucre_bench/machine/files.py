@@ -146,7 +146,7 @@ def fault_of(path: Path) -> str:
 
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; False also for a name that no file system has."""
-    return not fault_of(path)
+    return os.path.isfile(path)  # noqa: PTH113 - pathlib's raises OSError for some names
 
 
 def check_folder(path: Path, remedy: str) -> None:

@@ -89,7 +89,7 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
 
 
 _NAMES = ("B", "beta", "gamma")
-_REMEDY = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
+_REMEDY = "write B, beta and gamma, three numbers of each"
 
 
 def _chooser(name: str) -> Callable[[list[str]], str]:
