@@ -2,13 +2,23 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextvars import ContextVar
 from numbers import Integral, Real
-from pathlib import Path
-from types import SimpleNamespace, UnionType
+from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, is_utf8, one_line, shown_value
+import numpy as np
+import typeguard
+from typeguard import (
+    CollectionCheckStrategy,
+    TypeCheckerCallable,
+    TypeCheckError,
+    TypeCheckMemo,
+)
+
+from sucre_bench.errors import InputError, is_utf8, shown_value
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -20,181 +30,133 @@ _WORDS = {
     bool: "True or False",
     type(None): "None",
 }
-_WORDS |= {Mapping: "a dict", Path: "a path"}
-
-# Parameters that take any number of arguments, and so lack none.
-_OF_MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def checked(call: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a public function or dataclass: what does not fit is an InputError, see `check_argument`."""
-    function: Callable[P, T] = call.__init__ if isinstance(call, type) else call  # type: ignore[misc]
-    signature = inspect.signature(function)
-    name = call.__qualname__
+    """Decorate a public function: an argument that does not fit its annotation is an InputError."""
+    signature = inspect.signature(call)
+    hints = functools.cache(lambda: get_type_hints(call))
 
-    @functools.cache
-    def hints() -> dict[str, Any]:
-        if isinstance(call, type):
-            return get_type_hints(call)
-        named = {
-            one.name: one.annotation
-            for one in signature.parameters.values()
-            if one.annotation is not one.empty
-        }
-        return get_type_hints(
-            SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__
-        )
-
-    def lacking(args: Iterable[Any], kwargs: Mapping[str, Any]) -> str:
-        """Name all arguments that are missing, if several are: Python's message names the first."""
-        try:
-            given = signature.bind_partial(*args, **kwargs).arguments
-        except TypeError:
-            return ""
-        names = [
-            one.name
-            for one in signature.parameters.values()
-            if one.default is one.empty and one.name not in given and one.kind not in _OF_MANY
-        ]
-        return f"missing required arguments: {', '.join(names)}" if len(names) > 1 else ""
-
-    @functools.wraps(function)
+    @functools.wraps(call)
     def checking(*args: P.args, **kwargs: P.kwargs) -> T:
+        function = call.__qualname__
         try:
-            bound = signature.bind(*args, **kwargs)
+            given = signature.bind(*args, **kwargs).arguments
         except TypeError as fault:
-            missing = lacking(args, kwargs) or str(fault)
-            raise InputError(missing, name, f"see help({name})") from fault
-        given = bound.arguments
-        for parameter, hint in hints().items():
-            if (
-                parameter in given
-                and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD
-            ):
-                given[parameter] = check_argument(
-                    f"{name}({parameter})", given[parameter], hint
-                )
-        return function(*bound.args, **bound.kwargs)
+            raise InputError(str(fault), function, f"see help({function})") from fault
+        for name, value in given.items():
+            check_argument(f"{function}({name})", value, hints().get(name, Any))
+        return call(*args, **kwargs)
 
-    if isinstance(call, type):
-        _check_in_subclasses(
-            call, checking, lambda: {one: hints()[one] for one in [*signature.parameters][1:]}
-        )
-        call.__init__ = checking  # type: ignore[misc]
-        return call
     return checking
 
 
-def _check_in_subclasses(
-    cls: Any, checking: object, hints: Callable[[], dict[str, Any]]
-) -> None:
-    """Check these fields also in dataclasses made from this one, which have an `__init__` of their own."""
-    inherited = getattr(cls, "__post_init__", None)
+def checked_fields(cls: type[T]) -> type[T]:
+    """Decorate a public class, below @dataclass: a field that does not fit its annotation is an InputError.
 
-    def check_fields(made: Any, *unstored: Any) -> None:
-        if type(made).__init__ is not checking:
-            for field, hint in hints().items():
-                check_argument(
-                    f"{type(made).__qualname__}({field})", getattr(made, field), hint
-                )
-        if inherited:
-            inherited(made, *unstored)
-
-    cls.__post_init__ = check_fields
-
-
-def check_argument(place: str, value: Any, hint: Any) -> Any:
-    """Raise InputError unless a value fits a type: None fits no text, a text is no list. place: as the user typed it.
-
-    Returns the value; of an iterator what it yields, unless that may be anything. `array_of` looks at arrays.
+    Dataclasses that are made from the class check its fields, too.
     """
-    try:
-        is_taken = fits(value, hint)
-        if (
-            is_taken
-            and isinstance(value, Iterator)
-            and not any(isinstance(one, TypeVar) for one in get_args(hint))
-        ):
-            value = tuple(value)
-            is_taken = fits(value, hint)
-    except Exception as fault:  # of a collection of the user's
-        raise InputError(
-            f"raises {one_line(fault)}", place, f"pass {_wording(hint)}"
-        ) from fault
-    if not is_taken:
-        is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-        below = " below 2^63" if is_whole and hint is int else ""
-        raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}{below}")
-    return value
+    inherited = getattr(cls, "__post_init__", None)
+    hints = functools.cache(lambda: get_type_hints(cls))
+
+    def check_fields(made: Any) -> None:
+        for name, hint in hints().items():
+            check_argument(f"{type(made).__qualname__}({name})", getattr(made, name), hint)
+        if inherited:
+            inherited(made)
+
+    cls.__post_init__ = check_fields  # type: ignore[attr-defined]
+    return cls
+
+
+def check_argument(place: str, value: Any, hint: Any) -> None:
+    """Raise InputError unless a value fits a type, see `fits`. place: as the user typed it."""
+    if not fits(value, hint):
+        raise InputError(f"is {shown_value(value)}", place, f"pass {wording(hint)}")
 
 
 def fits(value: object, hint: Any) -> bool:
-    """Whether a value is of a type. True and False are no numbers, a whole number is a number; text is no list."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        return any(fits(value, one) for one in inner)
-    if origin is Literal:
-        return isinstance(value, str) and value in inner
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        if not isinstance(value, Mapping):
-            return False
-        return inner[1] is Any or all(
-            fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
+    """Whether a value is of a type. True and False are no numbers, a whole number is a number; text is no list.
+
+    Of arrays nothing is checked here, see `array_of`; of protocols and iterators neither.
+    """
+    token = _at_work.set(True)
+    try:
+        typeguard.check_type(
+            value, hint, collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS
         )
-    if origin is tuple:
-        kinds = (
-            inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
-        )
-        return (
-            isinstance(value, tuple)
-            and len(value) == len(kinds)
-            and all(map(fits, value, kinds))
-        )
-    if (
-        isinstance(origin, type)
-        and issubclass(origin, Iterable)
-        and origin.__module__ != "numpy"
-    ):
-        kind: Any = Set if origin is frozenset else origin
-        ndim, is_any = getattr(value, "ndim", 1), isinstance(inner[0], TypeVar)
-        if not isinstance(value, kind) or isinstance(value, (str, bytes, Mapping)):
-            return False
-        if ndim != 1 and not (ndim and is_any):
-            return False
-        return (
-            is_any or isinstance(value, Iterator) or all(fits(one, inner[0]) for one in value)
-        )
-    if hint in (int, float):
-        is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(
-            value, bool
-        )
-        # as in tables
-        return is_number and (not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63)
-    if hint is str:
-        return isinstance(value, str) and (value.isascii() or is_utf8(value))
-    is_class = (
-        isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
-    )
-    return hint is Any or not is_class or isinstance(value, hint)
+    except Exception:
+        # also of collections that cannot be looped over
+        return False
+    finally:
+        _at_work.reset(token)
+    return True
 
 
-def _wording(hint: Any) -> str:
-    """What to pass for a type: "a Scene", "text or None"."""
-    origin, inner = get_origin(hint), get_args(hint)
+# Other code that uses typeguard keeps its own rules: ours hold only inside `fits`.
+_at_work: ContextVar[bool] = ContextVar("fits is at work", default=False)
+
+
+def _check_number(value: Any, kind: Any, *_: object) -> None:
+    is_number = isinstance(value, Integral if kind is int else Real)
+    if not is_number or isinstance(value, bool):
+        raise TypeCheckError("is no number")
+    if isinstance(value, Integral) and not -(2**63) <= int(value) < 2**63:
+        raise TypeCheckError("is too large for tables")
+
+
+def _check_text(value: Any, *_: object) -> None:
+    if not isinstance(value, str) or not is_utf8(value):
+        raise TypeCheckError("is no text")
+
+
+def _check_several(value: Any, kind: Any, of: tuple[Any, ...], memo: TypeCheckMemo) -> None:
+    # a set is taken for a frozenset
+    is_several = isinstance(value, Set if kind is frozenset else kind)
+    if not is_several or isinstance(value, (str, bytes, Mapping)):
+        raise TypeCheckError("is no list")
+    if not isinstance(value, Iterator):
+        for one in value:
+            typeguard.check_type_internal(one, of[0], memo)
+
+
+def _pass_over(*_: object) -> None:
+    pass
+
+
+_CHECKS: dict[Any, TypeCheckerCallable] = {
+    int: _check_number,
+    float: _check_number,
+    str: _check_text,
+    Sequence: _check_several,
+    Iterable: _check_several,
+    frozenset: _check_several,
+    np.ndarray: _pass_over,
+}
+
+
+def _our_check(kind: Any, *_: object) -> TypeCheckerCallable | None:
+    if not _at_work.get():
+        return None
+    if getattr(kind, "_is_protocol", False):
+        return _pass_over
+    return _CHECKS.get(kind)
+
+
+typeguard.checker_lookup_functions.insert(0, _our_check)
+
+
+def wording(hint: Any) -> str:
+    """Return what to pass for a type: "a number or None"."""
+    origin = get_origin(hint)
+    inner = [one for one in get_args(hint) if one is not ...]
     if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(map(_wording, inner)))
+        return " or ".join(map(wording, inner))
     if origin is Literal:
         return " or ".join(map(repr, inner))
-    if origin is tuple and inner[-1] is not ...:
-        return f"a tuple ({', '.join(map(_wording, inner))})"
-    if isinstance(origin, type) and not issubclass(origin, Mapping):
-        if issubclass(origin, Set):
-            return "a set of text"
-        return "a list" if inner[0] is Any else f"a list of {_wording(inner[0])}"
-    if inner and inner[0] is str and inner[1] is not Any:
-        return "a dict with texts as keys"
-    kind = Mapping if origin else hint
-    return _WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
+    if origin in (Sequence, Iterable, list, tuple):
+        return f"a {'tuple' if origin is tuple else 'list'} of {', '.join(map(wording, inner))}"
+    return _WORDS.get(hint) or re.sub(r"\w+\.", "", inspect.formatannotation(hint))
 
 
 def array_of(
@@ -205,29 +167,21 @@ def array_of(
     kinds: of numbers, as `numpy.dtype.kind`. A masked value is NaN. Raises InputError for another shape, other numbers,
     and if finite is True for NaN and infinity. place: as the user typed it.
     """
-    import numpy as np
-
     lengths = f"{shape[0]}," if len(shape) == 1 else ", ".join(map(str, shape))
     remedy = f"pass {'finite ' if finite else ''}floats of shape ({lengths})"
     try:
         if isinstance(value, np.ma.MaskedArray):
-            masked: Any = value if value.dtype.kind == "f" else value.astype(np.float64)
-            value = masked.filled(np.nan)
+            value = np.ma.filled(value.astype(np.float64), np.nan)
         array = np.asarray(value)
     except Exception as fault:
         # of a list of lists of other lengths, or another library's array on a GPU
-        raise InputError(
-            f"is a {type(value).__name__} that is no array", place, remedy
-        ) from fault
-    pairs = zip(array.shape, shape, strict=False)
-    if array.ndim != len(shape) or not all(
-        n == want or (isinstance(want, str) and n) for n, want in pairs
-    ):
-        raise InputError(
-            f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}",
-            place,
-            remedy,
-        )
+        raise InputError(f"is no array but {shown_value(value)}", place, remedy) from fault
+    is_right = array.ndim == len(shape) and array.size
+    for length, wanted in zip(array.shape, shape, strict=False):
+        is_right = is_right and (length == wanted or isinstance(wanted, str))
+    if not is_right:
+        given = f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}"
+        raise InputError(given, place, remedy)
     if array.dtype.kind not in kinds:
         raise InputError(f"is of {array.dtype}", place, remedy)
     if finite and not np.isfinite(array).all():

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arguments import array_of, checked
+from sucre_bench.arguments import array_of, checked_fields
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, check_number
 
@@ -95,8 +95,8 @@ def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: A
     return np.asarray(np.einsum("ij,j...->i...", K_inv, xy1) * depth)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Camera:
     """A pinhole camera without distortion.
 

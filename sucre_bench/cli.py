@@ -15,23 +15,8 @@ from sucre_bench.machine.terminal import say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 _MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
-# Numbers of errors that concern a file, also where they do not name it.
-_OF_FILES = {
-    errno.ENOENT,
-    errno.EACCES,
-    errno.EPERM,
-    errno.EISDIR,
-    errno.ENOTDIR,
-    errno.ENOTEMPTY,
-    errno.EEXIST,
-    errno.ENAMETOOLONG,
-    errno.ELOOP,
-    errno.EROFS,
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EIO,
-}
+# Numbers of errors of writing into a file, which do not name it.
+_OF_FILES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main() -> None:
@@ -59,12 +44,6 @@ def _status() -> int:
     wrong = _unusable()
     if wrong:
         return _fault(wrong, 2)
-    python_path = os.environ.get("PYTHONPATH")
-    if python_path and "" in python_path.split(os.pathsep):
-        say(
-            "note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part",
-            "yellow",
-        )
     stdout = sys.stdout
     try:
         with isolated_children():

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import errno
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, Literal
 
 
@@ -30,10 +31,9 @@ class SucreBenchError(Exception):
         self.text = f"{fault}; {remedy}" if remedy else fault
         super().__init__(self._at_place(self.text))
 
-    def __reduce__(
-        self,
-    ) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
-        return _again, (type(self), self.args, self.__dict__)
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Without `__init__`, for some errors have other parameters.
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
     @property
     def without_remedy(self) -> str:
@@ -51,15 +51,6 @@ class SucreBenchError(Exception):
     def within(self, place: object) -> InputError:
         """Return the error with a place before its own: the file that holds a wrong name, say."""
         return InputError(self.without_remedy, place, self.remedy)
-
-
-def _again(
-    cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]
-) -> SucreBenchError:
-    """Make an error that was sent from another process."""
-    fault = cls.__new__(cls, *args)
-    fault.__dict__.update(fields)
-    return fault
 
 
 class LinesError(SucreBenchError):
@@ -217,12 +208,12 @@ def unknown_name(
     return InputError(f"no {what} '{name}'", place, did_you_mean(name, known))
 
 
-def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
+def is_number_in(interval: str, value: Any) -> bool:
     """Whether a value is a number in an interval, for example "[0, 1)"; "(" and ")" exclude the bound.
 
-    NaN is in no interval. True and False are no numbers. whole: accept only whole numbers.
+    NaN is in no interval. True and False are no numbers.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return False
     number: Any = value  # not as a float: a whole number may be greater than any
     low, high = (float(bound) for bound in interval[1:-1].split(","))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked_fields
 from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.scene import View
 
@@ -68,8 +68,8 @@ class CommonPoints:
         )
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class RestoredPair:
     """Two views that one method restored, and the patches of the scene that both show.
 

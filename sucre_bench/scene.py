@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arguments import array_of, checked
+from sucre_bench.arguments import array_of, checked, checked_fields
 from sucre_bench.arrays import Array, Mask, coloured, evenly
 from sucre_bench.camera import Camera, distance_map, is_rigid
 from sucre_bench.errors import InputError, did_you_mean
@@ -39,8 +39,8 @@ _KEPT_BYTES = 768 << 20
 _LEAST_KEPT_BYTES = _KEPT_BYTES // 256
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Water:
     """The parameters of the water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
 
@@ -88,8 +88,8 @@ class Water:
         )
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Chart:
     """A colour chart in a view.
 
@@ -154,26 +154,22 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     """
     image: Array = array_of(place, given, ("H", "W", 3), kinds="fiu")
     white = np.iinfo(np.uint16).max
-    sample = image[
-        :: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)
-    ]
-    sample = (
-        sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
-    )
-    top, low = sample.max(initial=0), sample.min(initial=0)
+    height, width = image.shape[:2]
+    sample = image[:: max(1, height // _LOOKED_AT), :: max(1, width // _LOOKED_AT)]
+    sample = sample[np.isfinite(sample)]
+    if not sample.size:
+        return image
+    low = sample.min()
+    top = sample.max()
+    typical = np.median(sample)
     # a dark image of 0 to 255
-    is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2
+    is_whole = top > 1 and (sample == np.rint(sample)).all() and np.unique(sample).size > 2
     if image.dtype.kind in "iu":
         fault = f"is {image.dtype}"
-    elif low < 0 and not is_input:  # no file has such values, but a strong restoration
-        return image
-    elif is_input and (
-        np.median(sample) > _DOUBLE or (sample < -_NOISE).mean() > _STRAY or top > white
-    ):
+    elif is_input and (typical > _DOUBLE or (sample < -_NOISE).mean() > _STRAY or top > white):
         fault = f"has values from {low:g} to {top:g}"
-    elif top <= white and (
-        (top > 1 and is_whole) or (top > _MOST_TYPICAL and np.median(sample) > _MOST_TYPICAL)
-    ):
+    # no file has values below 0 or above white, but a strong restoration
+    elif (is_input or (low >= 0 and top <= white)) and (is_whole or typical > _MOST_TYPICAL):
         fault = f"has values up to {top:g}"
     else:
         return image
@@ -187,8 +183,8 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     raise InputError(fault, place, remedy)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Arrays:
     """Pixels that are already in memory.
 
@@ -226,8 +222,8 @@ class Arrays:
         return None if values is None else np.array(values, dtype=np.float32)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class View:
     """One photograph of a scene, with its camera, pose, depth and charts.
 
@@ -403,28 +399,25 @@ class _Same:
     lock=threading.Lock(),
 )
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
-    values = pixels.load(plane)
-    if values is not None:
-        place = f"{type(pixels).__name__}.load('{plane}')"
-        of_image = plane != "depth"
-        values = (
-            _intensities(values, place)
-            if of_image
-            else array_of(place, values, ("H", "W"), kinds="fiu")
-        )
-        values = values.astype(
-            np.float32, copy=False
-        ).view()  # its owner may go on writing into it
+    loaded = pixels.load(plane)
+    if loaded is None:
+        return None
+    place = f"{type(pixels).__name__}.load('{plane}')"
+    if plane == "depth":
+        values = array_of(place, loaded, ("H", "W"), kinds="fiu")
+    else:
+        values = _intensities(loaded, place)
+    # a view of it: its owner may go on writing into it
+    values = values.astype(np.float32, copy=False).view()
     # What is no distance is unknown. Shared pixels are so already, and a copy of them would not be shared.
-    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):
+    if plane == "depth" and not hasattr(pixels, "levels"):
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
-    if values is not None:
-        values.setflags(write=False)  # so that no method changes the input of the next
+    values.setflags(write=False)  # so that no method changes the input of the next
     return values
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Scene:
     """Views of one place in one water.
 
@@ -496,21 +489,15 @@ class Scene:
         Raises InputError if no view has the name, or there is no such place.
         """
         if not isinstance(name, str):
-            if not -len(self) <= name < len(self):
-                raise InputError(
-                    f"no view at place {name}",
-                    self.name,
-                    f"the scene has {counted(len(self), 'view')}",
-                )
-            return self.views[name]
+            if -len(self) <= name < len(self):
+                return self.views[name]
+            remedy = f"the scene has {counted(len(self), 'view')}"
+            raise InputError(f"no view at place {name}", self.name, remedy)
         for view in self.views:
             if view.name == name:
                 return view
-        names = [view.name for view in self.views]
-        hint = did_you_mean(name, names)
-        if len(names) > 12:  # a dive has thousands of names
-            hint = f"{hint.split('known:')[0]}the scene has {len(names)} views, {names[0]} to {names[-1]}"
-        raise InputError(f"{self.name}: no view named '{name}'; {hint}")
+        remedy = did_you_mean(name, [view.name for view in self.views])
+        raise InputError(f"no view named '{name}'", self.name, remedy)
 
     def __iter__(self) -> Iterator[View]:
         return iter(self.views)
@@ -519,8 +506,8 @@ class Scene:
         return len(self.views)
 
 
-@checked
 @dataclass(frozen=True, eq=False)
+@checked_fields
 class Restoration:
     """The result of a method for a view.
 
@@ -541,7 +528,7 @@ class Restoration:
     confidence: Array | None = None
     """(H, W): the standard deviation of `image` or the method's own measure; or None."""
 
-    info: dict[str, Any] = field(default_factory=dict)
+    info: dict[Any, Any] = field(default_factory=dict)
     """Any other results by name, for example cost, iterations, "device". They are stored beside the picture."""
 
     filled: Array | None = None
@@ -576,8 +563,8 @@ class Restoration:
         return coloured(self.image)
 
 
-@checked
 @dataclass(frozen=True)
+@checked_fields
 class Score:
     """One number of a metric, for one region of a view.
 

@@ -1,6 +1,7 @@
 """What a notebook shows of a scene, a view or a restoration: small pictures with captions, above their text."""
 
 import base64
+import io
 from collections.abc import Mapping
 from html import escape
 
@@ -26,11 +27,10 @@ def as_html(text: str, pictures: Mapping[str, Array]) -> str:
 
 def _jpeg(picture: Array) -> str:
     """The address of a small copy of a picture, which holds its bytes."""
-    import cv2
+    from PIL import Image
 
-    height, width = picture.shape[:2]
-    scale = min(1.0, _WIDTH / width)
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    levels = (np.nan_to_num(picture, nan=0).clip(0, 1) * 255).astype(np.uint8)[..., ::-1]
-    _, encoded = cv2.imencode(".jpg", cv2.resize(levels, size, interpolation=cv2.INTER_AREA))
-    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+    small = Image.fromarray((np.nan_to_num(picture, nan=0).clip(0, 1) * 255).astype(np.uint8))
+    small.thumbnail((_WIDTH, small.height))
+    encoded = io.BytesIO()
+    small.save(encoded, "JPEG")
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded.getvalue()).decode()}"

@@ -106,7 +106,7 @@ def water_of(
         path = _of_view(path, scene, view)
     try:
         water = _of_file(path)
-    except FileNotFoundError:
+    except MissingFileError:
         remedy = f"{option.typed} takes {', '.join(option.words)}, a method, a .json or .npz file, or a folder of them"
         raise MissingFileError("no such file", path, remedy) from None
     return _known(str(path), water, read_lighting(path), view, encoding, option)
@@ -139,7 +139,7 @@ def check_source(source: str, option: SourceOption = WATER) -> None:
                 f"{name}={source}: takes options ({fault}); run it first, and give {name}=FOLDER"
             ) from fault
     elif not path.is_dir():
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(MissingFileError):
             _of_file(path)
     elif not (
         records_above(path)

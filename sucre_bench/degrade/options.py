@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked_fields
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Water
@@ -73,8 +73,8 @@ _OF = {
 }
 
 
-@checked
 @dataclass(frozen=True)
+@checked_fields
 class Degradation:
     """A known way to make a dataset worse. The default changes nothing.
 

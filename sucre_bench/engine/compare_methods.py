@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench import compare, plugins, results
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked, checked_fields
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.documents import Format, as_text, without_costs
@@ -35,14 +35,16 @@ from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+else:
+    Image = Any
 
 Methods = Sequence[Any] | Mapping[str, Any]
 _WIDTH = 100  # characters of a printed table
 _GAP = 4  # pixels between the pictures of a plot
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
+@checked_fields
 class Compared:
     """The result of `compare_methods`. Printed, it is a table of the methods' means with 95 % intervals.
 

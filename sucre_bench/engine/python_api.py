@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import checked, checked_fields
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
@@ -33,8 +33,8 @@ _ready: set[str] = set()
 _SAME = {"scene", "method", "code", "data_id", "seconds", "peak_mb"}
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
+@checked_fields
 class Restored(Restoration):
     """The result of `restore`: a restoration, and the restored image that is made of it.
 

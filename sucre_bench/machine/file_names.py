@@ -7,8 +7,6 @@ import unicodedata
 # of a name without suffix; file systems take 255 bytes with it, some archives 200
 _MOST_BYTES = 190
 _REFUSED = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')  # by Windows
-# names of devices there
-_DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
 
 
 def portable_name(text: str, unlike: str = "") -> str:
@@ -18,7 +16,6 @@ def portable_name(text: str, unlike: str = "") -> str:
     unlike: where other texts have this name, a text that they do not have: the name ends on its hash.
     """
     name = _REFUSED.sub("_", text).rstrip(". ") or "_"
-    name = f"_{name}" if _DEVICES.match(name) else name
     content = _bytes(name)
     if not unlike and len(content) <= _MOST_BYTES:
         return name

@@ -4,13 +4,11 @@
 """
 
 import errno
-import functools
 import json
 import os
 import shutil
 import stat
 import tempfile
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -35,8 +33,6 @@ from sucre_bench.machine.processes import interrupts_held_back
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _TOO_MANY = (errno.EMFILE, errno.ENFILE)
-_UNFINISHED = ".writing-"
-_DAY_S = 86_400
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 
 
@@ -150,7 +146,7 @@ def fault_of(path: Path) -> str:
 
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; False also for a name that no file system has."""
-    return not fault_of(path)
+    return os.path.isfile(path)  # noqa: PTH113 - pathlib's raises OSError for some names
 
 
 def check_folder(path: Path, remedy: str) -> None:
@@ -184,9 +180,8 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
                     "is a device or a pipe, no file", path, "choose another place"
                 )
             path.parent.mkdir(parents=True, exist_ok=True)
-            _remove_leftovers(path.parent.absolute())
             with interrupts_held_back():
-                descriptor, unfinished = tempfile.mkstemp(dir=path.parent, prefix=_UNFINISHED)
+                descriptor, unfinished = tempfile.mkstemp(dir=path.parent, prefix=".writing-")
             with os.fdopen(descriptor, "wb") as file:
                 yield file
                 file.flush()
@@ -200,15 +195,6 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
                 if unfinished:
                     Path(unfinished).unlink(missing_ok=True)
             raise
-
-
-@functools.cache
-def _remove_leftovers(folder: Path) -> None:
-    """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
-    for path in folder.glob(f"{_UNFINISHED}*"):
-        with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _DAY_S:
-                path.unlink()
 
 
 @contextmanager
@@ -241,14 +227,6 @@ def is_want_of_room(fault: OSError) -> bool:
 
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
-    if fault.errno == errno.EFBIG:
-        return OutputError(
-            "is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`"
-        )
-    if fault.errno in _TOO_MANY:
-        return OutputError(
-            "too many files are open", path, "allow more, for example `ulimit -n 1024`"
-        )
     if fault.errno in _FULL:
         return DiskFullError("the disk is full", path, "free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):

@@ -14,7 +14,6 @@ from contextvars import ContextVar
 from functools import partial
 from typing import Any, TypeVar
 
-from sucre_bench.arguments import checked
 from sucre_bench.machine import terminal
 
 T = TypeVar("T")
@@ -68,7 +67,6 @@ def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
         watcher("finished", number)
 
 
-@checked
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
     """Yield the items, and report progress after each. Plugins use it for long loops; the command line shows it.
 

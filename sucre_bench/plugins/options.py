@@ -10,8 +10,8 @@ import contextlib
 import functools
 import inspect
 import itertools
+import marshal
 import math
-import os
 import textwrap
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,12 +19,13 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from sucre_bench.arguments import check_argument, fits
+from sucre_bench.arguments import check_argument, fits, wording
 from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.machine.records import records_above, stored_record
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.call_method import typed_before, word_before
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.registry import find, get, is_name
@@ -127,27 +128,30 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        option = known[name]
-        paths = value if isinstance(value, (list, tuple)) else [value]
-        is_blank = any(isinstance(path, str) and not path.strip() for path in paths)
-        if is_blank and Path in option.kinds:
-            # else it would be the current folder
-            raise InputError("is empty", where, "give a path")
-        value = typed(option.type, value)
-        if option.is_closed and value not in option.choices:
-            remedy = did_you_mean(str(value), option.choices)
-            raise InputError(f"'{value}' is not a choice", where, remedy)
-        check_argument(where, value, option.type)
-        each = value if isinstance(value, (list, tuple)) else [value]
-        # Options of a run have ranges, which name the numbers that are allowed.
-        if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
-            raise InputError(f"{value} is not a finite number", where, "give one")
-        values[name] = value
+        values[name] = _checked_value(where, value, known[name])
     for option in known.values():
         if option.is_required and option.name not in values:
-            word = f"{plugin.kind if plugin else place}.{option.name}={'FOLDER' if option.name == 'root' else 'VALUE'}"
-            raise InputError("must be given", f"{owner}.{option.name}", f"add {word}")
+            example = "FOLDER" if option.name == "root" else "VALUE"
+            remedy = f"add {plugin.kind if plugin else place}.{option.name}={example}"
+            raise InputError("must be given", f"{owner}.{option.name}", remedy)
     return values
+
+
+def _checked_value(place: str, given: Any, option: Option) -> Any:
+    value = typed(option.type, given)
+    each = value if isinstance(value, (list, tuple)) else [value]
+    if Path in option.kinds and not all(str(one).strip() for one in each):
+        # else it would be the current folder
+        raise InputError("is empty", place, "give a path")
+    if option.is_closed and value not in option.choices:
+        remedy = did_you_mean(str(value), option.choices)
+        raise InputError(f"'{value}' is not a choice", place, remedy)
+    check_argument(place, value, option.type)
+    # Options of a run have ranges, which name the numbers that are allowed.
+    is_of_plugin = hasattr(option.cls, "__plugin__")
+    if is_of_plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
+        raise InputError(f"{value} is not a finite number", place, "give one")
+    return value
 
 
 def typed(annotation: Any, value: Any) -> Any:
@@ -157,26 +161,25 @@ def typed(annotation: Any, value: Any) -> Any:
     if lists and isinstance(value, (list, tuple)):
         elements = [typed(get_args(lists[0])[0], one) for one in value]
         return tuple(elements) if get_origin(lists[0]) is tuple else elements
-    if annotation in lists or not isinstance(value, (str, Path, int, float)):
-        return value
-    # as it was typed: a file may be called true
-    text = str(value).lower() if isinstance(value, bool) else str(value)
-    if Path in kinds:
-        return expanded(text)
-    if float in kinds and int not in kinds and type(value) is int:
-        return float(value)
+    if Path in kinds and isinstance(value, (str, Path)):
+        return expanded(value) if str(value).strip() else value
     if fits(value, annotation):
-        return value
-    if value == "None" and type(None) in kinds:  # the word of Python, which messages have
-        return None
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            if kind in kinds and isinstance(value, str):
-                return kind(value)
-    if bool in kinds and isinstance(value, str) and value.lower() in ("true", "false"):
-        return value.lower() == "true"
-    is_word = str in kinds or str(value) in kinds  # "nan" may be a word of a Literal
-    return text if is_word and isinstance(value, (int, float)) else value
+        is_float = float in kinds and int not in kinds
+        return float(value) if is_float and type(value) is int else value
+    if isinstance(value, str):
+        import yaml
+
+        # None is the word of Python, which messages have
+        with contextlib.suppress(yaml.YAMLError):
+            value = read_yaml("null" if value == "None" else value)
+    elif isinstance(value, (int, float)):
+        # as it was typed: a file may be called true, and "nan" may be a word of a Literal
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        if Path in kinds:
+            return expanded(text)
+        if str in kinds or text in kinds:
+            return text
+    return value
 
 
 def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
@@ -186,28 +189,19 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
     in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
     """
-    kinds_of = {option.name: option.kinds for option in options_of(type(options))}
+    types = {option.name: option.type for option in options_of(type(options))}
     for option, interval in ranges.items():
         value = getattr(options, option)
-        kinds = kinds_of[option]
-        is_whole, is_many, is_optional = (
-            float not in kinds,
-            get_origin(kinds[0]) is tuple,
-            type(None) in kinds,
-        )
-        each = value if is_many and isinstance(value, (tuple, list)) else [value]
-        if is_many != (each is value) or not all(
-            is_number_in(interval, one, is_whole) for one in each
+        each = value if isinstance(value, tuple) else (value,)
+        numbers = [one for one in each if one is not None]
+        if not fits(value, types[option]) or not all(
+            is_number_in(interval, number) for number in numbers
         ):
-            if value is None and is_optional:
-                continue
             before = word_before(type(options).__plugin__.name) if place is None else place
-            noun = "whole number" if is_whole else "number"
-            noun = f"{noun}s" if is_many else f"a {noun}"
-            or_none = " or none" if is_optional else ""
-            fault = shown_value(value)
-            remedy = f"give {noun} in {interval}{or_none}"
-            raise InputError(fault, f"{before}.{option}" if before else option, remedy)
+            remedy = f"give {wording(types[option])} in {interval}"
+            raise InputError(
+                shown_value(value), f"{before}.{option}" if before else option, remedy
+            )
 
 
 def plain_value(value: Any) -> Any:
@@ -281,18 +275,15 @@ class Choice:
         with typed_before(self.word):
             made = plugin.cls(**{**self.options, **seed})
         for option, path in read_by_options(plugin, self.options):
-            if isinstance(path, Plugin):
+            if isinstance(path, Plugin) or path.is_dir():
                 continue
-            # `Path.resolve` would follow links.
-            absolute = Path(os.path.abspath(path))  # noqa: PTH100
-            is_ours = out is not None and absolute.is_relative_to(os.path.abspath(out))  # noqa: PTH100
-            may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
-            if not may_come and (fault := fault_of(path)) and not path.is_dir():
+            is_ours = out is not None and path.absolute().is_relative_to(out.absolute())
+            may_come = not path.exists() and (is_ours or stored_record(path))
+            fault = fault_of(path)
+            if fault and not may_come:
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-                before = self.word or plugin.kind
-                raise InputError(
-                    fault, path, f"give a path that exists in {before}.{option.name}{words}"
-                )
+                where = f"{self.word or plugin.kind}.{option.name}"
+                raise InputError(fault, path, f"give a path that exists in {where}{words}")
         return made
 
     @property
@@ -330,18 +321,12 @@ def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
             f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is"
         )
     plugin = find(kind, values.pop("name"))
-    label, display = typed(str | None, values.pop("label", None)), values.pop("display", "")
+    label = typed(str | None, values.pop("label", None))
+    display = values.pop("display", "")
     check_argument(f"{kind}.label", label, str | None)
     check_argument(f"{kind}.display", display, str)
     if kind == "method":
-        try:
-            normalisation(display)
-        except InputError as fault:
-            raise InputError(
-                f"'{display}' is unknown", "method.display", fault.remedy
-            ) from fault
-    if label and not label.strip():
-        raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
+        normalisation(display)
     options = checked_options(plugin.cls, values, word)
     return Choice(plugin, label or plugin.name, options, display, word=word)
 
@@ -383,24 +368,17 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
     hidden files and `__pycache__`.
     """
-    sources = [(plugin, _source_of(plugin)) for plugin in used]
-    typed_in = []  # what there is of a plugin without a file: the compiled code of what its class defines
-    for plugin in (plugin for plugin, source in sources if source is None):
-        codes = (
-            (name, getattr(value, "__code__", None))
-            for name, value in sorted(vars(plugin.cls).items())
-        )
-        typed_in.append(
-            [
-                (name, (code.co_code, repr(code.co_consts), code.co_names))
-                for name, code in codes
-                if code
-            ]
-        )
-    places = tuple(source for _, source in sources if source)
+    places = [_source_of(plugin.cls, plugin.kind) for plugin in used]
+    # what there is of a plugin without a file: the compiled code of what its class defines
+    typed_in = [
+        marshal.dumps(value.__code__, 2)
+        for plugin, place in zip(used, places, strict=True)
+        for value in vars(plugin.cls).values()
+        if place is None and inspect.isfunction(value)
+    ]
     stamps = [stamp for place in files for stamp in _stamps(place)]
     packages = {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}
-    return hash_of(places, packages, (typed_in, stamps))
+    return hash_of(tuple(filter(None, places)), packages, (typed_in, stamps))
 
 
 def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
@@ -413,18 +391,12 @@ def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
             yield str(within), state.st_size, state.st_mtime_ns
 
 
-def _source_of(plugin: Plugin) -> Path | None:
+def _source_of(cls: type[Any], kind: Kind) -> Path | None:
     """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
     try:
-        source = inspect.getsourcefile(plugin.cls)
+        file = Path(inspect.getsourcefile(cls) or "")
     except (OSError, TypeError):
-        source = None
-    return None if source is None else _file_or_folder(source, plugin.kind)
-
-
-@functools.cache
-def _file_or_folder(source: str, kind: str) -> Path:
-    file = Path(source)
+        return None
     shared = (Path(__file__).parent.parent / f"{kind}s").resolve()
     has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
     return file.parent if has_folder else file

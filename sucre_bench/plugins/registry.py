@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
 import inspect
 import pkgutil
-import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
@@ -29,6 +27,7 @@ from sucre_bench.errors import (
     raise_if_stop,
 )
 from sucre_bench.machine.files import is_file
+from sucre_bench.machine.text_formats import short_hash
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # Set by the bench beside a plugin's own options.
@@ -43,7 +42,7 @@ class Registry:
     """Modules of plugin files, by the path they were loaded from."""
 
     known: dict[tuple[Kind, str], dict[str, Plugin | Broken]] = field(default_factory=dict)
-    """The plugins that were found of a kind by a name, each by its own name. An empty name stands for all names."""
+    """What `discover` returned for a kind and a name."""
 
     def copy(self) -> Registry:
         """Return a registry with the same plugins; what is loaded into one of them is not in the other."""
@@ -95,9 +94,16 @@ def is_loaded(path: str | Path) -> bool:
     return Path(path).resolve() in _current.get().files
 
 
-def discover(kind: Kind) -> dict[str, Plugin | Broken]:
-    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-    return _known(kind, "")
+def discover(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
+    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`.
+
+    name: the plugin of this name is wanted. Files of this package without it are not imported, which is quicker.
+    """
+    known = _current.get().known
+    key = kind, "" if (kind, "") in known else name
+    if key not in known:
+        known[key] = _found(*key)
+    return known[key]
 
 
 def usable(kind: Kind) -> dict[str, Plugin]:
@@ -107,47 +113,35 @@ def usable(kind: Kind) -> dict[str, Plugin]:
     }
 
 
-def _known(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
-    known = _current.get().known
-    if (kind, name) not in known:
-        known[kind, name] = _found(kind, name)
-    return known[kind, name]
-
-
-def _entry(kind: Kind, name: str) -> Plugin | Broken | None:
-    is_complete = (kind, "") in _current.get().known
-    return _known(kind, "" if is_complete else name).get(name)
-
-
 def get(kind: Kind, name: str) -> Plugin | None:
-    """Return the plugin of that name; None where there is none that works. Of this package, it imports no others."""
-    plugin = _entry(kind, name)
+    """Return the plugin of that name; None where there is none that works."""
+    plugin = discover(kind, name).get(name)
     return plugin if isinstance(plugin, Plugin) else None
 
 
 def is_name(kind: Kind, name: str) -> bool:
     """Whether a plugin of that kind, broken or not, has the name."""
-    return _entry(kind, name) is not None
+    return name in discover(kind, name)
 
 
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
-    plugin = _entry(kind, name)
+    plugin = discover(kind, name).get(name)
     if plugin is None:
         raise unknown(kind, name, discover(kind))
     if isinstance(plugin, Broken):
         raise PluginError(
-            f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out"
+            f"cannot be used, {plugin.reason}", f"{kind} '{name}'", "mend it or leave it out"
         )
     return plugin
 
 
 def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
-    """Import plugins of a kind. name: leave out modules of this package that cannot define a plugin of this name."""
-    package, entries = importlib.import_module(f"sucre_bench.{kind}s"), list[Plugin | Broken]()
+    package = importlib.import_module(f"sucre_bench.{kind}s")
+    entries = list[Plugin | Broken]()
     for info in pkgutil.iter_modules(package.__path__):
-        is_wanted = not name or _defines(Path(package.__path__[0]) / info.name, name)
-        if is_wanted and not info.name.startswith("_"):
+        has_name = _has_text(Path(package.__path__[0]) / info.name, name.replace("_", ""))
+        if has_name and not info.name.startswith("_"):
             load = functools.partial(importlib.import_module, f"{package.__name__}.{info.name}")
             entries += _imported(info.name, load)
     for point in _entry_points(tuple(sys.path)):
@@ -156,34 +150,23 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
         entries += _plugins_in(module)
     found: dict[str, Plugin | Broken] = {}
     for entry in entries:
-        if isinstance(entry, Plugin):
-            if entry.kind != kind:
-                continue
-            if fault := _unusable(entry):
-                entry = Broken(entry.name, fault)
+        if isinstance(entry, Plugin) and entry.kind != kind:
+            continue
         other = found.get(entry.name)
         if other is not None and _where(other) != _where(entry):
-            entry = Broken(
-                entry.name,
-                f"two {kind}s have this name, in {_where(other)} and {_where(entry)}",
-            )
+            both = f"{_where(other)} and {_where(entry)}"
+            entry = Broken(entry.name, f"two {kind}s have this name, in {both}")
+        elif isinstance(entry, Plugin) and (fault := _unusable(entry)):
+            entry = Broken(entry.name, fault)
         found[entry.name] = entry
     return dict(sorted(found.items()))
 
 
-@functools.cache  # the package's files do not change while a command runs
-def _defines(module: Path, name: str) -> bool:
-    """Whether a file or folder may define a plugin: by a class that is called so, or by the name in quotes."""
-    file = module.with_suffix(".py")  # a folder of that name may be left of an older version
-    files = [file] if file.is_file() else module.rglob("*.py")
-    pattern = re.compile(
-        rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']",
-        re.I | re.M,
-    )
-    return (
-        any(pattern.search(file.read_text(encoding="utf-8")) for file in files)
-        or module.name == name
-    )
+def _has_text(module: Path, text: str) -> bool:
+    """Whether a file or folder has a text: `text` without underscores, as a class has its name."""
+    files = module.rglob("*.py") if module.is_dir() else [module.with_suffix(".py")]
+    texts = (file.read_text(encoding="utf-8").replace("_", "").lower() for file in files)
+    return any(text in one for one in texts)
 
 
 @functools.cache
@@ -194,10 +177,9 @@ def _entry_points(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoint
 
 def _module_of(path: Path) -> ModuleType:
     """Import a plugin file. PluginError if it does not import or holds no plugin."""
-    of = hashlib.blake2b(
-        str(path).encode(), digest_size=4
-    ).hexdigest()  # two files may have one name
-    spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
+    # two files may have one name
+    name = f"sucre_bench_plugin_{path.stem}_{short_hash(str(path))}"
+    spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise PluginError("not a Python file", path, "give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
@@ -212,13 +194,8 @@ def _module_of(path: Path) -> ModuleType:
             f"does not import, {one_line(fault)}", path, "mend the file"
         ) from fault
     if not _plugins_in(module):
-        places = sorted({_where(plugin) for plugin in _decorated(module)})
-        remedy = "decorate a class with @method, @dataset or @metric"
-        raise PluginError(
-            "holds no plugin",
-            path,
-            f"give {places[0]}, from which it imports one" if places else remedy,
-        )
+        remedy = "decorate a class in it with @method, @dataset or @metric"
+        raise PluginError("holds no plugin", path, remedy)
     return module
 
 
@@ -238,18 +215,15 @@ def _plugins_in(module: ModuleType) -> list[Plugin]:
     A package that is loaded by its path has another name than the one by which its `__init__.py` imports from it.
     """
     folders = [Path(folder).resolve() for folder in getattr(module, "__path__", ())]
-    return [
-        plugin
-        for plugin in _decorated(module)
-        if f"{plugin.cls.__module__}.".startswith(f"{module.__name__}.")
-        or any(Path(_where(plugin)).is_relative_to(folder) for folder in folders)
-    ]
-
-
-def _decorated(module: ModuleType) -> list[Plugin]:
-    """The plugins of the classes in a module, also of those that it imports."""
-    classes = [cls for cls in vars(module).values() if isinstance(cls, type)]
-    return [vars(cls)["__plugin__"] for cls in classes if "__plugin__" in vars(cls)]
+    plugins = []
+    for cls in vars(module).values():
+        plugin = vars(cls).get("__plugin__") if isinstance(cls, type) else None
+        if plugin is None:
+            continue
+        is_in_module = f"{cls.__module__}.".startswith(f"{module.__name__}.")
+        if is_in_module or any(Path(_where(plugin)).is_relative_to(f) for f in folders):
+            plugins.append(plugin)
+    return plugins
 
 
 def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:

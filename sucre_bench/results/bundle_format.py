@@ -22,8 +22,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
+from sucre_bench.arguments import fits
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, NotAFileError
 from sucre_bench.machine.files import open_atomically, reading, regular
@@ -65,8 +66,25 @@ class Limits:
 LIMITS = Limits()
 
 
-# A file's SHA-256 as hexadecimal digits, "sha256", and its size, "bytes".
-FileHash = dict[str, Any]
+class FileHash(TypedDict):
+    """What identifies the content of a file."""
+
+    sha256: str
+    """In hexadecimal digits."""
+
+    bytes: int
+    """Its size."""
+
+
+class _Manifest(TypedDict):
+    """The content of bundle.json."""
+
+    format: str
+    version: int
+    by: str
+    sucre_bench: str
+    inside: dict[str, FileHash]
+    outside: dict[str, FileHash]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,34 +115,30 @@ class Bundle:
 
     def read(self, name: str) -> bytes:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
-        again = "get the bundle again from who made it"
-        if name not in self.entries:
-            raise InputError(f"holds no {name}", self.path, again)
         try:
-            content = self._unpacked(name)
+            return self._content(name)
         except InputError as fault:
-            raise fault.within(self.path) from fault
-        if name != MANIFEST and (fault_found := self._fault_of(name, content)):
-            raise InputError(f"{name}: {fault_found}", self.path, again)
-        return content
-
-    def _unpacked(self, name: str) -> bytes:
-        with reading(Path(name), "copy it again"), self.archive.open(name) as file:
-            return file.read(self.entries[name] + 1)
+            again = "get the bundle again from who made it"
+            raise InputError(fault.without_remedy, self.path, again) from fault
 
     def fault_of(self, name: str) -> str:
         """Say what is wrong with a file that the bundle lists; empty if nothing is."""
-        if name not in self.entries:
-            return "is missing"
         try:
-            return self._fault_of(name, self._unpacked(name))
+            self._content(name)
         except InputError as fault:
-            return fault.beside(name)
+            return fault.fault
+        return ""
 
-    def _fault_of(self, name: str, content: bytes) -> str:
-        if name not in self.inside:
-            return "is not in the bundle's list of files"
-        return "" if hash_of(content) == self.inside[name] else "is not what its hash says"
+    def _content(self, name: str) -> bytes:
+        if name not in self.entries:
+            raise InputError("is missing", name)
+        with reading(Path(name), ""), self.archive.open(name) as file:
+            content = file.read(self.entries[name] + 1)
+        if name != MANIFEST and name not in self.inside:
+            raise InputError("is not in the bundle's list of files", name)
+        if name != MANIFEST and hash_of(content) != self.inside[name]:
+            raise InputError("is not what its hash says", name)
+        return content
 
     @cached_property
     def rows(self) -> DataFrame:
@@ -274,21 +288,15 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     """The bundle with what its bundle.json says."""
     with reading(bundle.path / MANIFEST, "bundle again"):
         told = json.loads(manifest)
-        # raises where "\\udce9" stands for what is no UTF-8
-        json.dumps(told, ensure_ascii=False).encode()
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
-        inside, outside = (
-            {
-                name: {"sha256": one["sha256"], "bytes": one["bytes"]}
-                for name, one in told[where].items()
-            }
-            for where in ("inside", "outside")
-        )
-        if any(type(one["bytes"]) is not int for one in (*inside.values(), *outside.values())):
-            raise ValueError("the size of a file is no whole number of bytes")
-        by = str(told["by"])[:200]
-        version = str(told["sucre_bench"])[:40]
+        if not fits(told, _Manifest):
+            raise ValueError("a part is missing, or is of another kind")
     return replace(
-        bundle, id=_id(manifest), by=by, version=version, inside=inside, outside=outside
+        bundle,
+        id=_id(manifest),
+        by=told["by"][:200],
+        version=told["sucre_bench"][:40],
+        inside=told["inside"],
+        outside=told["outside"],
     )

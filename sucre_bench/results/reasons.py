@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.results.rows import RESTORATION, values_of
+from sucre_bench.results.rows import RESTORATION
 
 
 class Reason(Enum):
@@ -45,7 +44,6 @@ def needs_of(text: str) -> tuple[str, ...]:
     if Reason.of(text) is not Reason.LACK:
         return ()
     needs = text.removeprefix(Reason.LACK.value).partition(": ")[0]
-    needs = needs.partition(", the ")[0]  # in rows of earlier versions
     return tuple(needs.split(" and "))
 
 
@@ -72,66 +70,28 @@ def without_view(text: str, view: str) -> str:
 _VIEW = ["dataset", "scene", "view"]
 
 
-@dataclass(frozen=True)
-class Unscored:
-    """Scores that are missing for one reason."""
-
-    reason: str
-
-    metrics: tuple[str, ...]
-    """Their names, with the variants if others of the metric are not among them."""
-
-    methods: tuple[str, ...]
-    """Whose scores; empty for all."""
-
-    views: tuple[tuple[str, str, str], ...]
-    """Dataset, scene and name of each; empty for all."""
-
-    n_views: int
-    """Of the whole table."""
-
-    datasets: tuple[str, ...]
-    """Of the whole table."""
-
-    is_lack: bool
-
-    def __str__(self) -> str:
-        where = f" in {len(self.views)} of {self.n_views} views" if self.views else ""
-        of = f" of {', '.join(self.methods)}" if self.methods else ""
-        is_everywhere = self.is_lack and not (self.views or self.methods)
-        lack = f", which no view of {' or '.join(self.datasets)} has" if is_everywhere else ""
-        return f"{', '.join(self.metrics)}{of}{where}: {self.reason}{lack}"
-
-
-def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[Unscored]:
-    """Yield what is skipped of the scores, once for each reason.
+def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[str]:
+    """Yield a line for each reason why scores are skipped: "psnr of sucre in 3 of 9 views: needs reference".
 
     rows: of a score table; with_nothing_to_score: also scores of what a view or method does not have. If other scores
     have values, it needs no line that a method estimates no water, for example.
     """
-    rows = rows[[*_VIEW, "method", "metric", "variant", "status", "reason"]]
     skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != RESTORATION)]
     if not with_nothing_to_score:
         skipped = skipped[~Reason.among(skipped["reason"], Reason.NOTHING_TO_SCORE)]
     n_views = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates())
     n_methods = rows["method"].nunique()
     briefs = {text: brief(text) for text in skipped["reason"].unique()}
-    for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
-        metrics = (
+    for reason, lost in skipped.groupby(skipped["reason"].map(briefs), sort=False):
+        metrics = [
             _with_variants(name, scores, rows)
-            for name, scores in of_reason.groupby("metric", sort=False)
-        )
-        methods = tuple(dict.fromkeys(of_reason["method"]))
-        views = tuple(values_of(of_reason[_VIEW].drop_duplicates(), *_VIEW))
-        yield Unscored(
-            str(reason),
-            tuple(metrics),
-            methods if len(methods) < n_methods else (),
-            views if len(views) < n_views else (),
-            n_views,
-            tuple(rows["dataset"].unique()),
-            all(map(needs_of, of_reason["reason"].unique())),
-        )
+            for name, scores in lost.groupby("metric", sort=False)
+        ]
+        methods = lost["method"].unique()
+        n_lost = len(lost[_VIEW].drop_duplicates())
+        of = f" of {', '.join(methods)}" if len(methods) < n_methods else ""
+        where = f" in {n_lost} of {n_views} views" if n_lost < n_views else ""
+        yield f"{', '.join(metrics)}{of}{where}: {reason}"
 
 
 def _with_variants(metric: Any, lost: DataFrame, rows: DataFrame) -> str:

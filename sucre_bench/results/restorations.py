@@ -313,18 +313,13 @@ def stored_picture(
 
 
 def stored_mask(out: Path, place: Place, base: Row) -> Mask:
-    """Return which pixels (H, W) of a restoration have a colour. base: its row, which says how many they are.
+    """Return which pixels (H, W) of a restoration with holes have a colour. base: its row, which says how many.
 
-    Where the picture has none, it is taken from save=full, or from the picture if that has no black but its holes.
     Raises InputError if the mask is gone or damaged.
     """
     path = place.restored(out, base.method)
     mask = read_mask(path)
-    if mask is None and (full := read_full(path.with_suffix(".npz"), base)):
-        mask = full.restoration.valid
-    elif mask is None:
-        mask = np.asarray(stored_picture(out, place, base.method).any(-1))
-    if int(mask.sum()) != base.n_pixels:
+    if mask is None or int(mask.sum()) != base.n_pixels:
         remedy = f"run {base.method} again with overwrite=always"
         raise DamagedFileError("has not the mask of its restoration", path, remedy)
     return mask

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.errors import InputError, shown_value
+from sucre_bench.errors import InputError
 from sucre_bench.machine.text_formats import now, short_hash
 
 if TYPE_CHECKING:
@@ -268,11 +268,10 @@ def wide(rows: DataFrame) -> DataFrame:
     5.0
     """
     needed = (*KEYS, "metric", "variant", "region", "value", "status")
-    columns = getattr(rows, "columns", None)
-    absent = [] if columns is None else [name for name in needed if name not in columns]
-    if columns is None or absent:
-        fault = f"has no column '{absent[0]}'" if absent else f"is {shown_value(rows)}"
-        raise InputError(fault, "wide(rows)", "pass the table that sucre_bench.score returns")
+    absent = [name for name in needed if name not in getattr(rows, "columns", ())]
+    if absent:
+        remedy = "pass the table that sucre_bench.score returns"
+        raise InputError(f"has no column '{absent[0]}'", "wide(rows)", remedy)
     scores = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
     several = rows.groupby("metric")["variant"].nunique() > 1
     full = scores["metric"] + ":" + scores["variant"]

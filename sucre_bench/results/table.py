@@ -53,7 +53,7 @@ TABLE = "scores.parquet"
 PARTS = "parts"
 _SCORE = [*KEYS, "metric", "variant"]
 FLUSH_S = 1.0
-_JOINED = 8  # files at a time
+_JOINED = 64  # files at a time
 _ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 # -- reading -----------------------------------------------------------------------------------------------
@@ -270,8 +270,7 @@ def is_fresh(rows: DataFrame) -> Series:
 class Part:
     """The rows of one job, written as they come.
 
-    Each flush writes the rows since the last one. Every eighth file takes the rows of the seven before, and the eighth
-    of those likewise. After n flushes a row was written at most 1 + log8(n) times, and few files lie there.
+    Each flush writes the rows since the last one into a file. The file after 64 others takes their rows, too.
 
     job: a word that tells people whose rows these are; flush_s: most seconds between two writes, while rows come.
     """
@@ -281,10 +280,9 @@ class Part:
         self._stem = out / PARTS / f"{job}-{uuid.uuid4().hex}"
         self._flush_s = flush_s
         self._written = time.monotonic()
-        self._n_files = 0
+        self._n_flushes = 0
         self._pending: list[Row] = []
-        # how often they were joined, and their rows
-        self._files: list[tuple[int, Path, pyarrow.Table]] = []
+        self._files: dict[Path, pyarrow.Table] = {}
 
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
@@ -299,15 +297,9 @@ class Part:
         self._written = time.monotonic()
         if not self._pending:
             return
-        level = 0
-        kept = self._files
-        tables = [as_arrow(self._pending)]
-        while [file[0] for file in kept[1 - _JOINED :]] == [level] * (_JOINED - 1):
-            tables = [*(file[2] for file in kept[1 - _JOINED :]), *tables]
-            kept = kept[: 1 - _JOINED]
-            level += 1
-        path = self._stem.with_name(f"{self._stem.name}-{self._n_files}.parquet")
-        rows = pyarrow.concat_tables(tables)
+        joined = self._files if len(self._files) == _JOINED else {}
+        rows = pyarrow.concat_tables([*joined.values(), as_arrow(self._pending)])
+        path = self._stem.with_name(f"{self._stem.name}-{self._n_flushes}.parquet")
         for attempt in range(_ATTEMPTS):
             try:
                 _write(path, rows)
@@ -315,11 +307,12 @@ class Part:
             except OutputError:  # a merge may have removed the empty folder at that moment
                 if attempt == _ATTEMPTS - 1:
                     raise
-        for _, joined, _ in self._files[len(kept) :]:
-            joined.unlink(missing_ok=True)  # a merge may have its rows
-        self._files = [*kept, (level, path, rows)]
+        for file in joined:
+            file.unlink(missing_ok=True)  # a merge may have its rows
+        self._files = {} if joined else self._files
+        self._files[path] = rows
         self._pending = []
-        self._n_files += 1
+        self._n_flushes += 1
 
 
 def write_rows(out: Path, job: str, rows: Sequence[Row]) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.records import record_of, stored_record
 from sucre_bench.scene import Encoding, Water
 
@@ -46,32 +46,20 @@ def read_water(path: Path) -> Water | None:
     """Return the water of a file, NaN for what it does not tell; None for a file that holds no B.
 
     The record of a run comes first, see `record_of`: a .json file beside it may be of an earlier version. Raises
-    FileNotFoundError, and InputError for what cannot be read or is no water.
+    MissingFileError, and InputError for what cannot be read or is no water.
     """
-    try:
-        if (path.suffix == ".json" or not path.exists()) and (record := stored_record(path)):
+    with reading(path, _REMEDY):
+        record = stored_record(path) if path.suffix == ".json" or not path.exists() else {}
+        if record:
             return water_of(record, path)
-        if path.suffix == ".npz":
-            with zipfile.ZipFile(regular(path)) as archive:
-                known = {name.removesuffix(".npy") for name in archive.namelist()} & {
-                    *_NAMES,
-                    "encoding",
-                }
-            return water_of({name: read_array(path, _chooser(name)) for name in known}, path)
-        return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
-    except (FileNotFoundError, InputError):
-        raise
-    except (
-        OSError,
-        ValueError,
-        TypeError,
-        EOFError,
-        RecursionError,
-        zipfile.BadZipFile,
-    ) as fault:
-        raise InputError(
-            f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each"
-        ) from fault
+        if path.suffix != ".npz":
+            return water_of(
+                json.loads(regular(path, _REMEDY).read_text(encoding="utf-8")), path
+            )
+        with zipfile.ZipFile(regular(path, _REMEDY)) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+        known = names & {*_NAMES, "encoding"}
+        return water_of({name: read_array(path, _chooser(name)) for name in known}, path)
 
 
 def read_lighting(path: Path) -> Lighting:
@@ -101,6 +89,7 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
 
 
 _NAMES = ("B", "beta", "gamma")
+_REMEDY = "write B, beta and gamma, three numbers of each"
 
 
 def _chooser(name: str) -> Callable[[list[str]], str]:
@@ -118,12 +107,9 @@ def water_of(content: Any, path: Path) -> Water | None:
     triples = []
     for name in _NAMES:
         values = content.get(name)
-        triples.append(
-            np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64)
-        )
-        if triples[-1].shape != (3,):
-            raise InputError(
-                f"{path}: {name} must be three numbers, red, green and blue; mend it there"
-            )
+        triple = np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64)
+        if triple.shape != (3,):
+            raise InputError(f"{name} is not three numbers, red, green and blue", path, _REMEDY)
+        triples.append(triple)
     B, beta, gamma = triples
     return Water(B, beta, gamma, _ENCODINGS[encoding])

@@ -170,16 +170,6 @@ def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(
     assert str(pictures / "v1.png") in said
 
 
-def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path, toys: str):
-    run(tmp_path, "method=left_half")
-    for picture in (tmp_path / "restored").rglob("*.png"):
-        rewrite(picture)
-    sweep(tmp_path, "gain")
-    np.testing.assert_allclose(
-        scores(tmp_path, "common")["gain"], psnr(slice(0, 30)), rtol=1e-6
-    )
-
-
 # -- what cannot be scored again ---------------------------------------------------------------------------
 
 

@@ -6,9 +6,7 @@ import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
-import pytest
 from support.colmap_folder import write_dive
-from support.command_line import run_here
 from support.places import ROOT
 
 from sucre_bench.machine.processes import environment_of_programs, isolated_children
@@ -70,13 +68,6 @@ def test_no_command_imports_from_the_current_folder(tmp_path: Path):
     assert "Traceback" not in done.stderr
     made = ("results/report/index.html", "bundles/results.zip")
     assert all((folder / name).is_file() for name in made), done.stderr
-
-
-def test_a_note_says_that_python_itself_imports_from_the_current_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("PYTHONPATH", f":{ROOT}")
-    assert "PYTHONPATH" in run_here(tmp_path, "list", "sets").stderr
 
 
 def test_a_program_of_the_user_imports_what_lies_beside_it(tmp_path: Path):

@@ -53,7 +53,7 @@ def test_a_plugin_is_found_by_its_name_alone(kind: plugins.Kind):
 def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: Path):
     path = tmp_path / "imports.py"
     path.write_text("from sucre_bench.methods.gray_world import GrayWorld\n")
-    with pytest.raises(PluginError, match=r"imports\.py: .*gray_world\.py"):
+    with pytest.raises(PluginError, match=r"imports\.py: holds no plugin"):
         load_file(path)
 
 
