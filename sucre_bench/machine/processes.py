@@ -1,4 +1,4 @@
-"""Processes: the signals that end them, what they may import, and work in a process forked from this one.
+"""Processes: the signals that end them, and work in a process forked from this one.
 
 A forked process begins with all that this one has imported and opened, after a few milliseconds. It leads a process
 group of its own, and dies with its parent. Its progress and what it prints appear as if this process did the work.
@@ -92,40 +92,9 @@ def interrupts_held_back() -> Iterator[list[int]]:
             signal.raise_signal(number)
 
 
-# -- what child processes import ---------------------------------------------------------------------------
+# -- forked processes --------------------------------------------------------------------------------------
 
-_SAFE_PATH = "PYTHONSAFEPATH"
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
-_OURS = "sucre-bench"  # any word switches it on; this one says who did
-
-
-def python(*arguments: str) -> list[str]:
-    """Return the command line of this Python that does not import from the current folder."""
-    return [sys.executable, "-P", *arguments]
-
-
-@contextmanager
-def isolated_children() -> Iterator[None]:
-    """Let no Python that is started in this block import from the current folder, libraries' worker processes included.
-
-    Without it, `python -m` and `python -c` find a `json.py` of the current folder before Python's own.
-    """
-    before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = before or _OURS
-    try:
-        yield
-    finally:
-        if not before:
-            os.environ.pop(_SAFE_PATH, None)
-
-
-def environment_of_programs() -> dict[str, str]:
-    """Return the environment for a program of the user's, which may import what lies beside it."""
-    return {
-        name: value
-        for name, value in os.environ.items()
-        if (name, value) != (_SAFE_PATH, _OURS)
-    }
 
 
 def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None:
@@ -138,8 +107,6 @@ def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None
     prctl = ctypes.CDLL(None).prctl  # found before the fork
     return lambda: prctl(_DIE_WITH_PARENT, number)
 
-
-# -- forked processes --------------------------------------------------------------------------------------
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
 _HEAD = struct.Struct("!i")  # of a message of multiprocessing's pipes: its length

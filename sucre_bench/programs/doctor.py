@@ -20,7 +20,6 @@ from typing import Literal
 from sucre_bench import plugins
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.processes import python
 from sucre_bench.machine.provenance import absent, distribution_of, version_of
 from sucre_bench.plugins.plugin import Broken
 
@@ -241,7 +240,11 @@ def _try(code: str) -> tuple[bool, str]:
     """Run code in another Python. Return whether it succeeded, and its last line, of errors if it failed."""
     try:
         done = subprocess.run(
-            python("-c", code), capture_output=True, text=True, check=False, timeout=_LONGEST_S
+            [sys.executable, "-P", "-c", code],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_LONGEST_S,
         )
     except subprocess.TimeoutExpired:
         return False, f"no end after {_LONGEST_S:.0f} s"
