@@ -183,11 +183,6 @@ def test_what_a_view_does_to_its_process_is_no_matter_to_other_methods(
     assert rows.loc["before.png", "status"] == "ok"
 
 
-def test_a_view_that_leaves_no_room_for_files_fails_alone(tmp_path: Path):
-    done = Started(tmp_path, *words("no-files", "method=actor", "metrics=[coverage]")).ended()
-    check(done, tmp_path, "no-files", {"no-files": "no file can be opened after it"})
-
-
 def test_a_view_that_removes_its_folder_costs_no_view(tmp_path: Path):
     done = Started(
         tmp_path, *words("removed-folder,elsewhere", "method=actor", "metrics=[coverage]")

@@ -8,7 +8,6 @@ import importlib
 import json
 import multiprocessing
 import os
-import resource
 import signal
 import stat
 import sys
@@ -397,7 +396,6 @@ ACTS: dict[str, Callable[[], Any]] = {
     "leaks": _leak,
     "libraries": _break_libraries,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
-    "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),
