@@ -18,6 +18,7 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.errors import (
+    DiskFullError,
     InputError,
     NotApplicableError,
     OutputError,
@@ -56,7 +57,8 @@ _PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> None:
     """Restore and score views of a job, as places in `planned.todo`, which `take` gives until none is left.
 
-    Sends "ready", or "unfit" and a row if the method cannot be made; then "rows", a view's place and its rows.
+    Sends "ready" whenever it takes some, or "unfit" and a row if the method cannot be made; then "rows", a view's place
+    and its rows. Raises DiskFullError.
     """
     job = planned.job
     try:
@@ -69,7 +71,6 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     except BaseException as fault:
         send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
         return
-    send("ready")
     with ExitStack() as block:
         if job.shared_pairs:
             from sucre_bench.multiview.stored_pairs import sharing
@@ -82,7 +83,11 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30))
             )
         scenes: dict[str, _SceneColours] = {}
-        while places := take():
+        while True:
+            send("ready")
+            places = take()
+            if not places:
+                return
             for place in places:
                 task = planned.todo[place]
                 scene = task.base.scene
@@ -153,8 +158,7 @@ def _restored_and_scored(
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
             return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
-        raise_if_stop(fault)
-        if isinstance(fault, OutputError):
+        if isinstance(fault, DiskFullError):
             raise
         return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
 
@@ -219,7 +223,7 @@ class _SceneColours:
                 image = _stored_or_restored(
                     job, method, task, job.overwrite == "always", True
                 ).restoration.image
-            except OutputError:
+            except DiskFullError:
                 raise
             except BaseException as fault:
                 raise_if_stop(fault)

@@ -121,7 +121,6 @@ FAULTS = {
     "outside": "Outside: away",
     "generator-exit": "GeneratorExit",
     "long": "ValueError: xxx",
-    "junk": "messages cannot be read",
     "reload": "PicklingError",
 }
 
