@@ -16,7 +16,6 @@ from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
-from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import hash_of, write_bundle
 from sucre_bench.results.rows import COSTS, restorations
@@ -83,14 +82,11 @@ def bundle_results(
             where = picture if place else f"{folder}: {row.dataset} / {row.method} / {row.view}"
             fault = fault if place and picture.exists() else "the restored image is gone"
             raise InputError(fault, where, "repeat the run's command, which makes it again")
-        more = (place.original(folder), place.reference(folder))
+        more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
         found |= {
             file.relative_to(folder).as_posix(): file
             for file in (picture, *filter(is_file, more))
         }
-        if record := record_of(picture):
-            name = picture.with_suffix(".json").relative_to(folder).as_posix()
-            found[name] = json.dumps(record, indent=1).encode()
     inside = {"none": (), "restored": ("restored/",), "all": ("",)}[pictures]
     files = {
         name: file
