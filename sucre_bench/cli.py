@@ -10,7 +10,6 @@ from importlib import import_module
 import click
 
 from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8, shortened
-from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
@@ -46,8 +45,9 @@ def _status() -> int:
         return _fault(wrong, 2)
     stdout = sys.stdout
     try:
-        with isolated_children():
-            cli(prog_name="sucre-bench", standalone_mode=False)
+        # No Python that a library starts imports a json.py of the current folder.
+        os.environ.setdefault("PYTHONSAFEPATH", "1")
+        cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
         if sys.stdout is not stdout:
             # click put another there, for it found that the reader of the pipe has gone

@@ -27,7 +27,6 @@ from sucre_bench.imaging.reference_images import NEARER, outline, psnr_of, say_i
 from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine.files import check_folder, reading, regular
-from sucre_bench.machine.records import record_of
 from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
@@ -250,7 +249,7 @@ class RestoredElsewhere:
         image = np.where(is_hole[..., None], np.float32(np.nan), image)
         image = converted(image, self.encoding_of(view), view.encoding).astype(np.float32)
         beside = path.with_suffix(".json")
-        water = read_water(beside) if beside.is_file() or record_of(path) else None
+        water = read_water(beside) if beside.is_file() else None
         water = water and replace(water, encoding=water.encoding or self.encoding_of(view))
         if found == size:
             return Restoration(image, water, info=info)

@@ -25,7 +25,6 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.processes import (
     dying_with_parent,
-    environment_of_programs,
     interrupts_held_back,
 )
 
@@ -104,6 +103,11 @@ def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended
     return Ended(fault, seconds, peak_mb or nan, said)
 
 
+def _environment() -> dict[str, str]:
+    """The environment of a program of the user's, which may import what lies beside it; `cli` lets ours not."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+
+
 def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     try:
         return subprocess.Popen(
@@ -112,7 +116,7 @@ def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=environment_of_programs(),
+            env=_environment(),
             start_new_session=True,
             preexec_fn=dying_with_parent(),
         )
@@ -333,9 +337,7 @@ def _explicit_list(name: str) -> bytes:
     """The packages of a conda environment by address and md5, sorted; none where conda does not list them."""
     words = ["conda", "list", "--explicit", "--md5", *_conda(name)]
     try:
-        listed = subprocess.run(
-            words, capture_output=True, timeout=_LIST_S, env=environment_of_programs()
-        )
+        listed = subprocess.run(words, capture_output=True, timeout=_LIST_S, env=_environment())
     except subprocess.TimeoutExpired:
         return b""
     lines = listed.stdout.splitlines() if not listed.returncode else []

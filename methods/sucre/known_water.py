@@ -18,7 +18,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.provenance import require
-from sucre_bench.machine.records import RECORDS, records_above, stored_record
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.call_method import checked_restore, typed_option
 from sucre_bench.plugins.options import create
@@ -141,12 +140,9 @@ def check_source(source: str, option: SourceOption = WATER) -> None:
     elif not path.is_dir():
         with contextlib.suppress(MissingFileError):
             _of_file(path)
-    elif not (
-        records_above(path)
-        or any(f.suffix in _SUFFIXES or f.name == RECORDS for f in path.rglob("*"))
-    ):
+    elif not any(file.suffix in _SUFFIXES for file in path.rglob("*")):
         remedy = "give the folder restored/<dataset>/<method> of an earlier run"
-        raise InputError(f"{path}: holds no .json, .npz or {RECORDS}; {remedy}")
+        raise InputError(f"{path}: holds no .json or .npz; {remedy}")
 
 
 def _of_file(path: Path) -> Water:
@@ -205,14 +201,13 @@ def _known(
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
-    """Return the file of a view in a folder that a run made, restored/<dataset>/<method>; first one with a record."""
+    """Return the file of a view in a folder that a run made, restored/<dataset>/<method>."""
     files = [
         folder / f"{stem}{suffix}"
         for stem in reversed(stems_of(scene.name, view.name))
         for suffix in _SUFFIXES
     ]
     inside = [file for file in files if file.resolve().is_relative_to(folder.resolve())]
-    for is_there in (stored_record, Path.is_file):
-        for file in filter(is_there, inside):
-            return file
+    for file in filter(Path.is_file, inside):
+        return file
     return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"

@@ -5,7 +5,6 @@ This runs in a worker, as a rule; `engine.workers` gives it the views and keeps 
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -19,10 +18,10 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.errors import (
+    DiskFullError,
     InputError,
     NotApplicableError,
     OutputError,
-    PluginError,
     raise_if_stop,
 )
 from sucre_bench.imaging.colour_profiles import restoration_in_srgb, view_in_srgb
@@ -58,8 +57,8 @@ _PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> None:
     """Restore and score views of a job, as places in `planned.todo`, which `take` gives until none is left.
 
-    Sends "ready", or "unfit" and a row if the method cannot be made; then "rows", a view's place and its rows. It ends
-    early if this process can open no more files.
+    Sends "ready" whenever it takes some, or "unfit" and a row if the method cannot be made; then "rows", a view's place
+    and its rows. Raises DiskFullError.
     """
     job = planned.job
     try:
@@ -72,7 +71,6 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     except BaseException as fault:
         send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
         return
-    send("ready")
     with ExitStack() as block:
         if job.shared_pairs:
             from sucre_bench.multiview.stored_pairs import sharing
@@ -85,7 +83,11 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30))
             )
         scenes: dict[str, _SceneColours] = {}
-        while places := take():
+        while True:
+            send("ready")
+            places = take()
+            if not places:
+                return
             for place in places:
                 task = planned.todo[place]
                 scene = task.base.scene
@@ -94,17 +96,6 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 timed = replace(task, base=replace(task.base, time=now()))
                 rows = _restored_and_scored(job, method, metrics, timed, scenes.get(scene))
                 send("rows", place, rows)
-                if not _can_open_files():
-                    return
-
-
-def _can_open_files() -> bool:
-    """Whether the method has left this process room for files."""
-    try:
-        os.close(os.open(os.devnull, os.O_RDONLY))
-    except OSError:
-        return False
-    return True
 
 
 def make_ready(method: Any) -> None:
@@ -167,14 +158,9 @@ def _restored_and_scored(
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
             return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
-        raise_if_stop(fault)
-        told = fault
-        if not _can_open_files():
-            remedy = "see that the method closes its files"
-            told = PluginError("no file can be opened after it", remedy=remedy)
-        elif isinstance(fault, OutputError):
+        if isinstance(fault, DiskFullError):
             raise
-        return [row_of_fault(task.base, told, log_path(job.out), is_said=True)]
+        return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
 
 
 def _stored_or_restored(
@@ -237,7 +223,7 @@ class _SceneColours:
                 image = _stored_or_restored(
                     job, method, task, job.overwrite == "always", True
                 ).restoration.image
-            except OutputError:
+            except DiskFullError:
                 raise
             except BaseException as fault:
                 raise_if_stop(fault)

@@ -24,7 +24,6 @@ from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_val
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
-from sucre_bench.machine.records import records_above, stored_record
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.call_method import typed_before, word_before
 from sucre_bench.plugins.plugin import Kind, Plugin
@@ -265,9 +264,8 @@ class Choice:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
         the command that installs them, where packages are missing that it requires.
 
-        An option that the plugin `reads` must lead to a file or folder, which is not opened, or to what the record of
-        a run tells of. out: the folder of results of a command that is about to run; what is to lie in it may be made
-        by an earlier job.
+        An option that the plugin `reads` must lead to a file or folder, which is not opened. out: the folder of results
+        of a command that is about to run; what is to lie in it may be made by an earlier job.
         """
         plugin = self.plugin
         require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
@@ -278,7 +276,7 @@ class Choice:
             if isinstance(path, Plugin) or path.is_dir():
                 continue
             is_ours = out is not None and path.absolute().is_relative_to(out.absolute())
-            may_come = not path.exists() and (is_ours or stored_record(path))
+            may_come = is_ours and not path.exists()
             fault = fault_of(path)
             if fault and not may_come:
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
@@ -298,9 +296,8 @@ class Choice:
         """The other methods that options name, and the files and folders, with records that tell of them."""
         read = [read for _, read in read_by_options(self.plugin, self.options)]
         paths = [one for one in read if isinstance(one, Path)]
-        files = [
-            path for path in (*paths, *filter(None, map(records_above, paths))) if path.exists()
-        ]
+        records = [path.with_suffix(".json") for path in paths if path.suffix == ".npz"]
+        files = [path for path in (*paths, *records) if path.exists()]
         return [one for one in read if isinstance(one, Plugin)], files
 
     @property

@@ -10,7 +10,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import is_file
 from sucre_bench.machine.provenance import version_of
-from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import hash_of, write_bundle
 from sucre_bench.results.rows import COSTS, restorations
@@ -70,9 +69,9 @@ def bundle_results(
         if place is None or not is_file(picture):
             fault = f"the restored image of {row.dataset} / {row.method} / {row.view} is gone"
             raise InputError(fault, picture, "repeat the run's command, which makes it again")
-        if record := record_of(picture):
-            name = picture.with_suffix(".json").relative_to(folder).as_posix()
-            files[name] = json.dumps(record, indent=1).encode()
+        record = picture.with_suffix(".json")
+        if is_file(record):
+            files[record.relative_to(folder).as_posix()] = record
         originals = (place.original(folder), place.reference(folder))
         of_kinds = {"restored": [picture], "all": filter(is_file, originals)}
         for kind, paths in of_kinds.items():

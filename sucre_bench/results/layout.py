@@ -1,7 +1,7 @@
 """The paths in a results folder.
 
 restored/<dataset>/<method label>/[<scene>/]<view stem>.png   the restored image (and .npz with save=full)
-restored/<dataset>/<method label>/records.jsonl               what methods told of them, see `machine.cache`
+restored/<dataset>/<method label>/<view without suffix>.json  what the method said of it, see `machine.records`
 views/<dataset>/[<scene>/]<view stem>.jpg                     the view, to look at
 references/<dataset>/[<scene>/]<view stem>.jpg                the reference, to look at
 logs/failures.log                                            tracebacks

@@ -32,7 +32,7 @@ from sucre_bench.imaging.image_files import (
     write_png,
 )
 from sucre_bench.machine.files import reading, regular, write_atomically
-from sucre_bench.machine.records import add_record, record_of
+from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
@@ -98,7 +98,7 @@ def write_pictures(
     # the water first
     text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)
     record = json.loads(text, parse_constant=lambda _: None)  # JSON knows no NaN
-    add_record(layout.restored_path(out, place.dataset, method), path, record)
+    write_atomically(path.with_suffix(".json"), json.dumps(record, indent=1).encode())
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Water in files: a .json, a line of the records of a run, or an .npz, with B, beta and gamma.
+"""Water in files: a .json, such as the record of a restoration, or an .npz, with B, beta and gamma.
 
     {"B": [r, g, b], "beta": [r, g, b], "gamma": [r, g, b], "encoding": "gamma"}
 
@@ -19,7 +19,7 @@ import numpy as np
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.machine.records import record_of, stored_record
+from sucre_bench.machine.records import record_of
 from sucre_bench.scene import Encoding, Water
 
 
@@ -45,13 +45,9 @@ _ENCODINGS: dict[Any, Encoding | None] = {
 def read_water(path: Path) -> Water | None:
     """Return the water of a file, NaN for what it does not tell; None for a file that holds no B.
 
-    The record of a run comes first, see `record_of`: a .json file beside it may be of an earlier version. Raises
-    MissingFileError, and InputError for what cannot be read or is no water.
+    Raises MissingFileError, and InputError for what cannot be read or is no water.
     """
     with reading(path, _REMEDY):
-        record = stored_record(path) if path.suffix == ".json" or not path.exists() else {}
-        if record:
-            return water_of(record, path)
         if path.suffix != ".npz":
             return water_of(
                 json.loads(regular(path, _REMEDY).read_text(encoding="utf-8")), path

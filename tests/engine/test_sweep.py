@@ -38,8 +38,7 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
     outcome = run(out, "save=full")
     assert (outcome.ok, outcome.failed, outcome.exit_code) == (3, (), 0)
     assert {p.name for p in (out / "restored" / "toy" / "gain").iterdir()} == {
-        "records.jsonl",
-        *(f"v{n}.{s}" for n in range(3) for s in ("png", "npz")),
+        f"v{n}.{s}" for n in range(3) for s in ("png", "json", "npz")
     }
     for name in ("scores.parquet", "config.yaml", "environment.json"):
         assert (out / name).is_file()
@@ -134,11 +133,8 @@ def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(
     kept = rows[rows["view"] == "v0.png"].set_index("metric")["value"]
     assert kept["seconds"] == 12.5
     assert np.isnan(kept["peak_mb"])
-    told = (out / "restored" / "toy" / "tabulated" / "records.jsonl").read_text().splitlines()
-    content = json.loads(
-        told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
-    )
-    assert content["picture"] == "v0.png"
+    told = (out / "restored" / "toy" / "tabulated" / "v0.json").read_text()
+    content = json.loads(told, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert {
         "B": [0.2] * 3,
         "beta": [None] * 3,

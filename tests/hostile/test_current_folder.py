@@ -1,6 +1,7 @@
 """A folder that holds Python files with the names of what sucre_bench imports: no command runs any of them."""
 
 import os
+import shlex
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -8,8 +9,6 @@ from pathlib import Path
 
 from support.colmap_folder import write_dive
 from support.places import ROOT
-
-from sucre_bench.machine.processes import environment_of_programs, isolated_children
 
 # The commands that start other processes of Python, and some that do not, one after the other in one process.
 COMMANDS = (
@@ -26,17 +25,15 @@ COMMANDS = (
 # Python puts the folder of a program's file on the path, as it does for sucre-bench.
 ONE_PROCESS = """
 import os, sys
-from sucre_bench.cli import cli
-from sucre_bench.errors import SucreBenchError
-from sucre_bench.machine.processes import isolated_children
+from sucre_bench.cli import main
 
 if __name__ == "__main__":
     for words in sys.argv[1:]:
         os.environ["THE_COMMAND"] = words
+        sys.argv = ["sucre-bench", *words.split()]
         try:
-            with isolated_children():
-                cli(words.split(), standalone_mode=False)
-        except (SystemExit, SucreBenchError):
+            main()
+        except SystemExit:
             pass
 """
 TRAP = """
@@ -71,11 +68,12 @@ def test_no_command_imports_from_the_current_folder(tmp_path: Path):
 
 
 def test_a_program_of_the_user_imports_what_lies_beside_it(tmp_path: Path):
-    (tmp_path / "beside.py").write_text("found = 'beside'")
-    (tmp_path / "program.py").write_text("import beside; print(beside.found)")
-    with isolated_children():
-        words = [sys.executable, tmp_path / "program.py"]
-        done = subprocess.run(
-            words, env=environment_of_programs(), capture_output=True, text=True, check=True
-        )
-    assert done.stdout == "beside\n"
+    write_dive(tmp_path / "dive", ("a.png",))
+    (tmp_path / "beside.py").write_text("import shutil, sys")
+    (tmp_path / "program.py").write_text(
+        "from beside import shutil, sys; shutil.copy(*sys.argv[1:])"
+    )
+    program = f"method.run='{sys.executable} {tmp_path}/program.py {{input}} {{output}}'"
+    words = f"run dataset=colmap dataset.root=dive method=command metrics=[uciqe] report=false {program}"
+    done = run_here(tmp_path, *shlex.split(words)[:-1], program, "tracking.uri=off")
+    assert "1 ok" in done.stdout

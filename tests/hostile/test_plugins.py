@@ -121,7 +121,6 @@ FAULTS = {
     "outside": "Outside: away",
     "generator-exit": "GeneratorExit",
     "long": "ValueError: xxx",
-    "junk": "messages cannot be read",
     "reload": "PicklingError",
 }
 
@@ -181,11 +180,6 @@ def test_what_a_view_does_to_its_process_is_no_matter_to_other_methods(
     rows = restorations(tmp_path)
     assert set(rows.index) == {"before.png", f"{harm}.png", "after.png"}, "each view has a row"
     assert rows.loc["before.png", "status"] == "ok"
-
-
-def test_a_view_that_leaves_no_room_for_files_fails_alone(tmp_path: Path):
-    done = Started(tmp_path, *words("no-files", "method=actor", "metrics=[coverage]")).ended()
-    check(done, tmp_path, "no-files", {"no-files": "no file can be opened after it"})
 
 
 def test_a_view_that_removes_its_folder_costs_no_view(tmp_path: Path):

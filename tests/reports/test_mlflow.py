@@ -191,8 +191,7 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     assert table["columns"][:3] == ["step", "scene", "view"]
     assert [row[0] for row in table["data"]] == [0, 1, 2]
     assert {path.name for path in (files / "restored").iterdir()} == {
-        *(f"v{n}.png" for n in range(3)),
-        "records.jsonl",
+        f"v{n}.{suffix}" for n in range(3) for suffix in ("png", "json")
     }
     pictures = {
         name: sorted(

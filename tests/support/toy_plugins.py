@@ -8,9 +8,7 @@ import importlib
 import json
 import multiprocessing
 import os
-import resource
 import signal
-import stat
 import sys
 import tempfile
 import threading
@@ -368,13 +366,6 @@ def _leave_daemon() -> None:
     os._exit(3)
 
 
-def _write_into_pipes() -> None:
-    for descriptor in range(3, 64):
-        with contextlib.suppress(OSError):
-            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
-                os.write(descriptor, b"junk")
-
-
 def _reload_rows() -> None:
     for name in [name for name in sys.modules if name.startswith("sucre_bench.results")]:
         importlib.reload(sys.modules[name])
@@ -388,7 +379,6 @@ ACTS: dict[str, Callable[[], Any]] = {
     "abort": lambda: ctypes.CDLL(None).abort(),
     "child": _leave_child,
     "daemon": _leave_daemon,
-    "junk": _write_into_pipes,
     "reload": _reload_rows,
     "outside": lambda: _raise(Outside("away")),
     "generator-exit": lambda: _raise(GeneratorExit()),
@@ -397,7 +387,6 @@ ACTS: dict[str, Callable[[], Any]] = {
     "leaks": _leak,
     "libraries": _break_libraries,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
-    "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),

@@ -28,7 +28,6 @@ from sucre_bench.errors import (
     SucreBenchError,
     one_line,
 )
-from sucre_bench.machine.processes import python
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
@@ -326,7 +325,10 @@ def imports_lightly(subject: Subject) -> Lines:
     if module.startswith("sucre_bench_plugin_"):
         module = str(sys.modules[module.partition(".")[0]].__file__)
     done = subprocess.run(
-        python("-c", _IMPORT, module), capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-c", _IMPORT, module],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode:
         last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]

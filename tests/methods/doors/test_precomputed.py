@@ -275,11 +275,6 @@ def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_pat
     assert np.isnan(water.backscatter).all()
     tell(tmp_path, {"by": "somebody"})
     assert restored(tmp_path).water is None
-    (tmp_path / "records.jsonl").write_text(
-        json.dumps({"picture": "a.png", "B": [0.2, 0.4, 0.5]}) + "\n"
-    )
-    tell(tmp_path, {"B": [0.1, 0.4, 0.5]})
-    assert restored(tmp_path).water.veiling_light[0] == 0.2, "the record is newer"
 
 
 @pytest.mark.parametrize(

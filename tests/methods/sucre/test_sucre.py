@@ -14,7 +14,6 @@ from support.messages import names, refused
 
 from sucre_bench import Arrays, InputError, Restoration, SolveError, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.methods.sucre.observed import Dive
 from sucre_bench.methods.sucre.refine_noise import prior_of, specks_of
@@ -88,23 +87,17 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("source", ["", "reef", "reef/a.json"])
-@pytest.mark.parametrize("is_stale", [False, True])
-def test_water_comes_from_the_records_of_a_run(
-    tmp_path: Path, source: str, is_stale: bool
-) -> None:
-    """Of all views, of a scene's, and of one view; before what an earlier version wrote beside the picture."""
+def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str) -> None:
+    """Of all views, of a scene's, and of one view."""
     folder, scene = tmp_path / "restored" / "sea" / "other", replace(SCENE, name="reef")
     (folder / "reef").mkdir(parents=True)
-    add_record(folder, folder / "reef" / "a.png", RECORD)
-    if is_stale:
-        (folder / "reef" / "a.json").write_text(json.dumps(RECORD | {"B": [0, 0, 0]}))
+    record = folder / "reef" / "a.json"
+    record.write_text(json.dumps(RECORD))
     options = {"water": str(folder / source)}
     restored = create(find("method", "sucre"), options).restore(scene, TARGET)
     np.testing.assert_array_equal(rows_of(restored.water), TRUTH)
     _, files = Choice(find("method", "sucre"), "sucre", options).rests_on
-    assert folder / "records.jsonl" in {
-        inside for file in files for inside in (file, *file.glob("*"))
-    }
+    assert record in {inside for file in files for inside in (file, *file.rglob("*"))}
     with pytest.raises(InputError, match=r"b\.json: no such file"):
         create(find("method", "sucre"), {"water": str(folder / "reef" / "b.json")})
 
