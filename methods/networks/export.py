@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.errors import InputError, SucreBenchError, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.provenance import require
-from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
+from sucre_bench.methods.networks.run_torch import UNREADABLE, UNREADABLE_REMEDY, UNSAFE, bare
 
 if TYPE_CHECKING:
     import torch
@@ -45,8 +45,7 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
     """
     import torch
 
-    if what := foreign(regular(path, "give the author's file of weights")):
-        raise InputError(what, path)
+    regular(path, "give the author's file of weights")
     stand_ins: dict[str, type] = {}
     while True:
         try:
@@ -57,9 +56,7 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
         except Exception as fault:  # pickle, zip and torch each have their own
             unsafe = re.search(UNSAFE, str(fault))
             if not unsafe:
-                raise InputError(
-                    "is no PyTorch file, or cut short", path, "fetch it again"
-                ) from fault
+                raise InputError(UNREADABLE, path, UNREADABLE_REMEDY) from fault
             if unsafe[1] in stand_ins:
                 raise InputError(
                     f"is not read, {unsafe[0]}", path, "save the network's state_dict()"
@@ -115,9 +112,7 @@ def export(
     try:
         content = _onnx(made.eval(), image, sides)
     except Exception as fault:  # of torch, onnx and others' code
-        remedy = "it cannot become ONNX; run its own program by method=command"
-        if _size_may_help(made, image):
-            remedy = "give a size that it takes as at=HEIGHTxWIDTH"
+        remedy = "give a size that it takes as at=HEIGHTxWIDTH, or run its own program by method=command"
         raise InputError(f"cannot be exported, {one_line(fault)}", network, remedy) from fault
     write_atomically(target, content)
 
@@ -138,18 +133,6 @@ def _onnx(network: Any, image: Any, sides: Mapping[int, str]) -> bytes:
     )
     written: bytes = content.getvalue()
     return written
-
-
-def _size_may_help(network: Any, image: Any) -> bool:
-    """Whether a network does not take an image of this size, or becomes ONNX if the size is fixed."""
-    try:
-        network(image)
-    except Exception:  # of others' code
-        return True
-    try:
-        return bool(_onnx(network, image, {}))
-    except Exception:
-        return False
 
 
 def _main(words: list[str]) -> None:

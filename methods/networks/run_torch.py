@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import re
-import zipfile
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import FileError, InputError
+from sucre_bench.errors import FileError, InputError, one_line
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.files import regular
 from sucre_bench.plugins.call_method import typed_option
@@ -40,6 +39,9 @@ UNSAFE = (
     r"Unsupported global: GLOBAL (\S+)"  # in what torch says of an object that is no tensor
 )
 
+UNREADABLE = "is no PyTorch file with a state dict, or cut short"
+UNREADABLE_REMEDY = "fetch it again, or save the network's state_dict()"
+
 _COUNTER = "num_batches_tracked"
 
 
@@ -60,8 +62,6 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
     """
     import torch
 
-    if what := foreign(path):
-        raise InputError(f"{path}: {what}")
     try:
         return bare(torch.load(path, map_location="cpu", weights_only=True), path)
     except InputError:
@@ -72,7 +72,7 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
                 f"{path}: holds a Python object, {unsafe[1]}, which is not loaded since it may run code; to save its "
                 f"tensors alone: python -m sucre_bench.methods.networks.export {path} {path.stem}-safe.pt"
             ) from fault
-        raise InputError(f"{path}: is no PyTorch file, or cut short; fetch it again") from fault
+        raise InputError(UNREADABLE, path, UNREADABLE_REMEDY) from fault
 
 
 def bare(content: object, path: Path) -> dict[str, torch.Tensor]:
@@ -99,23 +99,6 @@ def bare(content: object, path: Path) -> dict[str, torch.Tensor]:
         str(key).removeprefix("module." if is_parallel else ""): value
         for key, value in state.items()
     }
-
-
-def foreign(path: Path) -> str:
-    """Return what a file is when it is none of PyTorch's, and what to do; empty when it may be one."""
-    with regular(path).open("rb") as file:
-        head = file.read(64).lstrip()
-    if not head:
-        return "is empty; fetch it again"
-    if head[:1] == b"<":
-        return "is a web page, not weights; fetch the file that the page offers"
-    if path.suffix == ".onnx":
-        return "is an ONNX model; use method=onnx onnx.model=FILE"
-    if zipfile.is_zipfile(path):
-        with zipfile.ZipFile(path) as archive:
-            if any(name.endswith("/constants.pkl") for name in archive.namelist()):
-                return "is TorchScript; save its state_dict(), or export it and use method=onnx"
-    return ""
 
 
 Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
@@ -171,32 +154,19 @@ def _loaded(
     with torch.device("meta"):  # first values would be drawn from the global random state
         network: torch.nn.Module = getattr(architectures, architecture)()
     network.to_empty(device="cpu")
+    expected = network.state_dict()
+    found = read_state(weights)
+    for key, value in found.items():
+        if not torch.isfinite(value).all():
+            fault = f"'{key}' holds numbers that are not finite"
+            raise InputError(fault, weights, "take another checkpoint")
     # Batches seen in training: files from before PyTorch 0.4.1 lack them, and nothing here depends on them.
-    found = {
-        key: value for key, value in read_state(weights).items() if not key.endswith(_COUNTER)
-    }
-    expected = {
-        key: value for key, value in network.state_dict().items() if not key.endswith(_COUNTER)
-    }
-    fault = ""
-    for key, value in expected.items():
-        if key not in found:
-            fault = f"it lacks '{key}' {_shape(value)}"
-        elif found[key].shape != value.shape:
-            fault = f"'{key}' is {_shape(found[key])} and not {_shape(value)}"
-        elif not torch.isfinite(found[key]).all():
-            raise InputError(
-                f"{weights}: '{key}' holds numbers that are not finite; take another checkpoint"
-            )
-        if fault:
-            break
-    further = [f"which has no '{key}'" for key in found if key not in expected]
-    if fault := fault or next(iter(further), ""):
+    counters = {key: value for key, value in expected.items() if key.endswith(_COUNTER)}
+    given = {key: value for key, value in found.items() if not key.endswith(_COUNTER)}
+    try:
+        network.load_state_dict({**given, **counters})
+    except RuntimeError as fault:
         remedy = "give weights of that architecture, or export the network and use method=onnx"
-        raise InputError(f"{weights}: not the weights of {architecture}, {fault}; {remedy}")
-    network.load_state_dict(found, strict=False)  # compared above; only counters may be lacking
+        why = f"not the weights of {architecture}, {one_line(fault)[:300]}"
+        raise InputError(why, weights, remedy) from fault
     return TorchNetwork(network.eval().to(place), place)
-
-
-def _shape(tensor: torch.Tensor) -> str:
-    return "x".join(map(str, tensor.shape)) or "a number"

@@ -93,13 +93,13 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     [
         ("net.pt net.pt", "net.pt: is there; "),
         ("nowhere.pt new.pt", "nowhere.pt: no such file; "),
-        ("net.py new.pt", "net.py: is no PyTorch file, or cut short; "),
+        ("net.py new.pt", "net.py: is no PyTorch file .*; "),
         ("net.pt new.onnx nowhere:Brighter", "nowhere:Brighter: cannot be made, .*; "),
         ("net.pt new.onnx net:Brighter layers=a", "layers=a: is no option; .*OPTION=NUMBER"),
         ("net.pt new.onnx net:Brighter depth=2", "net:Brighter: cannot be made, .*depth.*; "),
         (
             "net.pt new.onnx net:Phase in_channels=3 out_channels=3 kernel_size=3",
-            "net:Phase: cannot be exported, .*; it cannot become ONNX; .*method=command",
+            "net:Phase: cannot be exported, .*; .*at=.*method=command",
         ),
         (
             "net.pt new.onnx net:Halved in_channels=3 out_channels=3 kernel_size=3",
