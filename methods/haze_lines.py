@@ -16,7 +16,7 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.filters import guided_filter, window_max
-from sucre_bench.imaging.image_formation import recovered, reduced, transmissions
+from sucre_bench.imaging.image_formation import recovered, reduced
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Encoding
 
@@ -265,7 +265,7 @@ class HazeLines:
         open_water = OpenWater.of(small[area])
         water_type = self._type_of(small, open_water)
         image = converted(view.rgb, "gamma", light).astype(np.float32, copy=False)
-        J, t, _ = self._restored(image, open_water, water_type)
+        J, _ = self._restored(image, open_water, water_type)
         mean = _mean(J, 1 - open_water.likeness(image))
         J *= gray_world_gain(mean[None]).astype(np.float32)
         A = open_water.veiling_light.astype(np.float64)
@@ -273,7 +273,7 @@ class HazeLines:
         return Restoration(
             converted(J, light, "gamma"),
             Water(converted(A, light, "gamma"), unknown, unknown),
-            info={**transmissions(t), "water_type": water_type.name},
+            info={"water_type": water_type.name},
         )
 
     def _type_of(self, image: Array, open_water: OpenWater) -> WaterType:
@@ -281,7 +281,7 @@ class HazeLines:
         object_like = 1 - open_water.likeness(image)
         casts = {}
         for water_type in track(WATER_TYPES, "water types"):
-            J, _, t = self._restored(image, open_water, water_type)
+            J, t = self._restored(image, open_water, water_type)
             ahead = _mean(t, object_like) - _mean(t, 1 - object_like)
             casts[water_type] = (
                 bool(ahead < self.contrast),
@@ -291,8 +291,8 @@ class HazeLines:
 
     def _restored(
         self, image: Array, open_water: OpenWater, water_type: WaterType
-    ) -> tuple[Array, Array, Array]:
-        """J and each channel's transmission (H, W, 3), and blue's transmission (H, W)."""
+    ) -> tuple[Array, Array]:
+        """J (H, W, 3), and blue's transmission (H, W)."""
         A = open_water.veiling_light
         likeness = open_water.likeness(image)
         t = transmission(
@@ -306,7 +306,7 @@ class HazeLines:
             least=self.least,
         )
         t_c = channel_transmission(t, water_type, self.least)
-        return recovered(image, A, t_c), t_c, t
+        return recovered(image, A, t_c), t
 
 
 def _mean(values: Array, weight: Array) -> Array:

@@ -81,23 +81,13 @@ def recovered(image: Array, veiling_light: Array, transmission: Array) -> Array:
 def restoration(
     image: Array, veiling_light: Array, transmission: Array, **info: Any
 ) -> Restoration:
-    """Return what a method gives that knows A and t: J, A, and how much light came through in each channel."""
+    """Return what a method gives that knows A and t: J and A."""
     unknown = np.full(3, np.nan)
     return Restoration(
         recovered(image, veiling_light, transmission),
         Water(np.asarray(veiling_light, dtype=np.float64), unknown, unknown),
-        info={**transmissions(transmission), **info},
+        info=info,
     )
-
-
-def transmissions(transmission: Array) -> dict[str, list[float]]:
-    """Return the least, mean and greatest transmission of each channel, as lists; (H, W) counts as one channel."""
-    planes = np.moveaxis(np.atleast_3d(transmission), -1, 0)
-    return {
-        "transmission_min": [float(plane.min()) for plane in planes],
-        "transmission_mean": [float(plane.mean(dtype=np.float64)) for plane in planes],
-        "transmission_max": [float(plane.max()) for plane in planes],
-    }
 
 
 _DEEPEST = 20.0  # optical depth: exp(20) is 5e8, which makes a picture of no camera's noise, and is no overflow
