@@ -14,7 +14,6 @@ from sucre_bench import Chart, Water, track
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
 from sucre_bench.datasets.demo import LAST, Preset, render, seabed, water_of
-from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.cache import get_or_make
@@ -169,14 +168,7 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
     """
 
     def write(work: Path) -> Path:
-        try:
-            write_made_scene(make(), work)
-        except OutputError as fault:
-            if not Path(fault.place).is_relative_to(work):
-                raise
-            # the folder of the work is gone when the user looks
-            there = folder / Path(fault.place).relative_to(work)
-            raise type(fault)(fault.fault, there, fault.remedy) from fault
+        write_made_scene(make(), work)
         return folder
 
     lock = folder.with_name(f".{folder.name}.lock")
