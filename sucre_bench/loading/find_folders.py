@@ -61,8 +61,7 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
 
     Links are followed, after real folders. A folder that several paths lead to is yielded once, so circular links end.
     The caller may remove names from the list of folders: these are not entered. A folder below that this user must not
-    list is left out with a line, and one below /proc or /sys without. Raises OSError if it is the root; a root that is
-    not there has no files.
+    list is left out with a line. Raises OSError if it is the root; a root that is not there has no files.
     """
 
     def unlisted(fault: OSError) -> None:
@@ -75,14 +74,11 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
         )
 
     seen = set()
-    of_system = {
-        Path(place).stat().st_dev for place in ("/proc", "/sys") if os.path.ismount(place)
-    }
     for place, below, names in os.walk(root, onerror=unlisted, followlinks=True):
         folder = Path(place)
         status = folder.stat()
         identity = (status.st_dev, status.st_ino)
-        if identity in seen or status.st_dev in of_system:
+        if identity in seen:
             below.clear()
             continue
         seen.add(identity)
