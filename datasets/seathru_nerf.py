@@ -17,11 +17,9 @@ from typing import ClassVar, Literal
 from sucre_bench.imaging.image_files import PICTURE_READERS
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import (
-    ImageFolder,
     chosen,
     existing,
     folders_below,
-    inner_path,
     scene_name,
 )
 from sucre_bench.loading.view_files import ImageScaleOption
@@ -84,24 +82,16 @@ class SeathruNerf(ImageScaleOption):
                 ),
                 None,
             )
-            model = read_model(
-                sparse or place / "sparse", images, distorted=True, keep_names=True
-            )
+            model = read_model(sparse or place / "sparse", images, distorted=True)
             if self.split != "all":
                 model = [
                     posed
                     for i, posed in enumerate(model)
                     if (i % _HELD_OUT == 0) == (self.split == "test")
                 ]
-            files = ImageFolder(images)
+            paths = {posed.name: images / posed.name for posed in model}
             scale = self.image_scale
             unit = self.metres_per_unit
-            # models are often made of other copies
-            fits = {posed.name: files.find(posed.name) for posed in model}
-            paths = {
-                name: images / (same[0] if len(same) == 1 else inner_path(name))
-                for name, same in fits.items()
-            }
             yield registered_scene(
                 scene_name(place, root), model, paths, depths, scale, self.encoding, unit
             )

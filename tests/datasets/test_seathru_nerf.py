@@ -39,7 +39,7 @@ def test_layouts_of_each_reef_and_of_copies_are_found(tmp_path: Path) -> None:
         path.rename(path.with_suffix(".PNG"))  # the model says .png
     scenes = list(SeathruNerf(tmp_path).scenes())
     assert [scene.name for scene in scenes] == ["IUI3-RedSea", "Panama", "Undistorted"]
-    assert [view.name for view in scenes[1]] == list(NAMES)
+    assert [view.name for view in scenes[1]] == [name.replace(".png", ".PNG") for name in NAMES]
     np.testing.assert_array_equal(scenes[1].views[0].rgb, scenes[0].views[0].rgb)
 
 
