@@ -29,6 +29,8 @@ from sucre_bench.plugins.options import (
 )
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
+# Every dataset runs with every method.
+KINDS: tuple[Kind, ...] = ("dataset", "method")
 # What the bench adds to the options of a plugin.
 _ADDED: dict[Kind, tuple[str, ...]] = {
     "dataset": ("label",),
