@@ -61,11 +61,11 @@ class PluginSource(_Source):
 
     def is_config(self, config_path: str) -> bool:
         """Return whether a path is a config."""
-        from sucre_bench.jobs.catalogue import is_choice
+        from sucre_bench.jobs.catalogue import is_plugin
 
         group, name = _parts(config_path)
         return (group, name) == ("run", "") or (
-            group in _GROUPS and name != "" and is_choice(_GROUPS[group], name)
+            group in _GROUPS and name != "" and is_plugin(_GROUPS[group], name)
         )
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
@@ -80,7 +80,7 @@ class PluginSource(_Source):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Return the options of a plugin as its class has them."""
-        from sucre_bench.jobs.catalogue import configuration
+        from sucre_bench.jobs.catalogue import plugin_values
         from sucre_bench.jobs.run_options import RunConfig
 
         if not self.is_config(config_path):
@@ -89,7 +89,7 @@ class PluginSource(_Source):
         if group == "run":
             values, package = RunConfig.defaults(), "_global_"
         else:
-            values = configuration(_GROUPS[group], name)
+            values = plugin_values(_GROUPS[group], name)
             package = f"metrics.{values['name']}" if group == "metrics" else group
         config = OmegaConf.create(values)
         return ConfigResult(

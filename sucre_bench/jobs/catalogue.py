@@ -4,21 +4,21 @@ A folder stands for the dataset that recognises it by its files.
 """
 
 import math
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, MissingFileError, unknown_name
+from sucre_bench.arguments import check_argument
+from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.run_options import check_group
 from sucre_bench.jobs.word_syntax import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import frames_of
+from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import (
     Choice,
@@ -39,72 +39,28 @@ _ADDED: dict[Kind, tuple[str, ...]] = {
 }
 # The folder of conf/ with presets for a kind, and the word that chooses some.
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
-_MOST_FOLDERS = 100  # that are looked into for a hint
 SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
 
 
-def preset_of(kind: Kind, name: str) -> dict[str, Any] | None:
-    """Return the options of a preset, a file of conf/ or of the user; None where a plugin or nothing has the name."""
-    return hydra_configs.preset(GROUPS[kind], name) if not plugins.is_name(kind, name) else None
-
-
-def plugin_of(kind: Kind, name: str) -> Plugin | None:
-    """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
-    if plugin := plugins.get(kind, name):
-        return plugin
-    preset = preset_of(kind, name)
-    return plugins.get(kind, str(preset.get("name"))) if preset else None
-
-
-def named(kind: Kind, name: str) -> Plugin:
-    """Return the plugin of this name, or that a preset of this name is of.
-
-    Raises InputError with the nearest name, or PluginError with the reason why it cannot be used.
-    """
-    plugin = plugin_of(kind, name)
-    if plugin:
-        return plugin
-    if plugins.is_name(kind, name):
-        return plugins.find(kind, name)  # raises with the reason
-    if not name:  # a variable that is not set, say
-        raise InputError("is empty", kind, f"give a name that `sucre-bench list {kind}s` shows")
-    if Path(name).suffix in (".yaml", ".yml"):
-        group = GROUPS[kind]
-        stem = Path(name).stem
-        remedy = f"put the file into MINE/{group}/ and write --config-dir MINE {group}={stem}"
-        raise InputError(f"no {kind} is called '{name}'", remedy=remedy)
-    if kind == "dataset" and Path(name).exists():
-        remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
-        fault = f"no dataset is called '{name}', but there is a path of this name"
-        raise InputError(fault, remedy=f"write {remedy}")
-    for made in vars(sys.modules["__main__"]).copy().values():  # a class of a notebook's cell
-        plugin = getattr(made, "__plugin__", None)
-        if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
-            fault = f"'{name}' is a class of this session, and has no name outside it"
-            raise InputError(fault, remedy=f"pass an object: {plugin.cls.__name__}(...)")
-    raise plugins.unknown(
-        kind, name, {*plugins.discover(kind), *hydra_configs.preset_names(GROUPS[kind])}
-    )
-
-
-def is_choice(kind: Kind, name: str) -> bool:
+def is_plugin(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
-    is_data = kind == "dataset" and is_path(name)
-    return is_data or plugins.is_name(
-        kind, name.partition(":")[0] if kind == "metric" else name
-    )
+    if kind == "metric":
+        name = name.partition(":")[0]
+    return (kind == "dataset" and is_path(name)) or plugins.is_name(kind, name)
 
 
-def configuration(kind: Kind, name: str) -> dict[str, Any]:
+def plugin_values(kind: Kind, name: str) -> dict[str, Any]:
     """Return what a plugin starts from: its name, what the bench adds, and each option; ??? for one without a default.
 
-    name: for a dataset also a folder, for a metric also "name:variant". Raises InputError for an unknown name.
+    name: see `is_plugin`. Raises InputError for an unknown name.
     """
     root = {}
+    variant = ""
     if kind == "dataset" and is_path(name):
         root = {"root": name}
         name = recognised(Path(name))
-    name, _, variant = name.partition(":") if kind == "metric" else (name, "", "")
+    if kind == "metric":
+        name, _, variant = name.partition(":")
     plugin = plugins.find(kind, name)
     added = dict.fromkeys(_ADDED[kind])
     if kind == "method":
@@ -117,60 +73,65 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     return {"name": plugin.name, **added, **values, **root}
 
 
-def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
-    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin, known = named("method", name), option_names("method", name)
-    for option in options:
-        if option not in known:
-            raise unknown_name(f"{plugin.name}.{option}", option, known)
-    preset = preset_of("method", name) or {"display": plugin.display}
-    values = {name: value for name, value in preset.items() if value not in (SEED, "???")}
-    return plugin_choice("method", {**values, **options, "name": plugin.name})
+def configuration(kind: Kind, name: str) -> dict[str, Any]:
+    """Return what a plugin or a preset of this name starts from, see `plugin_values`.
+
+    A preset of metrics has this for each of them. Raises InputError with the nearest name, or PluginError with the
+    reason why a plugin cannot be used.
+    """
+    if is_plugin(kind, name):
+        return plugin_values(kind, name)
+    preset = hydra_configs.preset(GROUPS[kind], name)
+    if preset is not None:
+        return preset
+    if kind == "dataset" and name and Path(name).is_dir():
+        fault = f"no dataset is called '{name}', but a folder is"
+        raise InputError(fault, remedy=f"write dataset=./{name}")
+    raise plugins.unknown(kind, name, hydra_configs.names(GROUPS[kind]))
 
 
 def option_names(kind: Kind, name: str) -> list[str]:
-    """Return the names of the options of a method or dataset, those that the bench adds included.
+    """Return the options of a method or dataset, those that the bench adds included; none for an unknown name."""
+    try:
+        plugin = plugins.find(kind, str(configuration(kind, name).get("name")))
+    except SucreBenchError:
+        return []
+    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]]
 
-    Empty where no plugin and no preset of conf/ has this name.
-    """
-    plugin = plugin_of(kind, name)
-    return (
-        [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
-    )
+
+def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
+    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
+    values = configuration("method", name)
+    known = option_names("method", name)
+    for option in options:
+        if option not in known:
+            raise unknown_name(f"{name}.{option}", option, known)
+    kept = ("name", "display") if is_plugin("method", name) else values
+    given = {option: values[option] for option in kept if values[option] not in (SEED, "???")}
+    return plugin_choice("method", {**given, **options})
 
 
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------
 
 
-def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the configuration of metrics given as "name", "name:variant", "name:all" or a preset of several.
+def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
+    """Return metrics and their variants: of names, then of metric objects.
 
-    A bare name means the metric's default variants.
+    A name is "name" with its default variants, "name:variant", "name:all", or a preset of several.
     """
     made: dict[str, dict[str, Any]] = {}
-    for text in names:
-        preset = preset_of("metric", text)
-        if preset is None:
-            name = named("metric", text.partition(":")[0]).name
-            preset = {name: configuration("metric", text)}
-        for name, values in preset.items():
-            made[name] = {
-                **values,
-                "named": {**made.get(name, {}).get("named", {}), **values["named"]},
-            }
-    return made
-
-
-def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
-    """Return metrics and their variants: those named as `metrics_of` takes them, then metric objects."""
-    metrics = list(metrics)
-    names = [metric for metric in metrics if isinstance(metric, str)]
     objects = list[Choice]()
     for metric in metrics:
         if not isinstance(metric, str):
             plugin = plugins.plugin_of(metric)
             objects.append(Choice(plugin, plugin.name, vars(metric), variants=plugin.default))
-    chosen = chosen_metrics(metrics_of(names)) if names or not objects else ()
+            continue
+        values = configuration("metric", metric)
+        several = {values["name"]: values} if "name" in values else values
+        for name, one in several.items():
+            named = made.get(name, {}).get("named", {})
+            made[name] = {**one, "named": {**named, **one["named"]}}
+    chosen = chosen_metrics(made) if made or not objects else ()
     return (*chosen, *objects)
 
 
@@ -178,30 +139,28 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
     """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
     chosen = []
     for metric, given in values.items():
-        check_group(f"metrics.{metric}", given, plugins.find("metric", metric).cls, "variants")
-        choice = plugin_choice(
-            "metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]}
-        )
-        plugin = choice.plugin
+        plugin = plugins.find("metric", metric)
+        check_group(f"metrics.{metric}", given, plugin.cls, "variants")
+        options = {k: v for k, v in given.items() if k not in _ADDED["metric"]}
+        wanted = given["variants"]
+        if wanted is None:
+            wanted = [*given.get("named", ())]
+        if isinstance(wanted, str):
+            wanted = [wanted]
+        check_argument(f"metrics.{metric}.variants", wanted, Sequence[str])
         variants = []
-        wanted = given.get("named", ()) if given["variants"] is None else given["variants"]
-        words = [wanted] if isinstance(wanted, str) else wanted
-        if not isinstance(words, Iterable):
-            fault = f"{words!r} is no list of variants"
-            raise InputError(fault, f"metrics.{metric}.variants", "write [NAME] or [all]")
-        for text in words:
+        for text in wanted:
             name, form, _ = text.partition("@")
-            if form:
-                split_variant(text)  # raises for a form that there is not
             if name != "all" and name not in plugin.variants:
                 raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
-            if form and not plugin.needs <= {"reference"}:
-                fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
-                raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
-            variants += [
-                variant + text[len(name) :]
-                for variant in (plugin.variants if name == "all" else [name])
-            ]
+            if form:
+                split_variant(text)  # raises for a form that there is not
+                if not plugin.needs <= {"reference"}:
+                    fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
+                    raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
+            names = plugin.variants if name == "all" else [name]
+            variants += [variant + text[len(name) :] for variant in names]
+        choice = plugin_choice("metric", options)
         chosen.append(replace(choice, variants=tuple(dict.fromkeys(variants))))
     if not chosen:
         raise InputError(
@@ -221,49 +180,31 @@ def is_path(name: str) -> bool:
 def recognised(folder: Path) -> str:
     """Return the name of the dataset that a folder is, and say which in a line.
 
-    Raises InputError when it is no folder, when no dataset fits, with what was looked for, or when several fit.
+    Those with poses go before single images, which lie in many folders. Raises InputError when it is no folder, when no
+    dataset fits, with what was looked for, or when several fit.
     """
-
-    def typed(path: Path) -> str:
-        return f"dataset={quoted(str(path) if is_path(str(path)) else f'./{path}')}"
-
-    if not folder.is_dir():
-        if folder.exists():
-            raise InputError("is a file", typed(folder), frames_of(folder) or "give its folder")
-        raise MissingFileError("no such folder", typed(folder), "correct the path")
-    fits = _fitting(folder)
-    root = f"dataset.root={quoted(str(folder))}"
-    if len(fits) > 1:
-        either = " or ".join(f"dataset={name} (for {sign})" for name, sign in fits.items())
-        raise InputError("fits several datasets", typed(folder), f"give {root} and {either}")
-    if not fits:
-        below = sorted(path for path in folder.iterdir() if path.is_dir())[:_MOST_FOLDERS]
-        inner = next((path for path in below if _fitting(path)), None)
-        # Datasets with a licence are published data.
-        of_users = (p for p in plugins.usable("dataset").values() if p.signs and not p.licence)
-        looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
-        fault = f"holds none of {looked_for}, and no published dataset"
-        if inner:
-            raise InputError(fault, typed(folder), f"give {typed(inner)}")
-        remedy = "name the dataset: dataset=NAME dataset.root=DIR"
-        raise no_image(folder, fault, remedy, typed(folder))
-    ((name, sign),) = fits.items()
-    progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
-    return name
-
-
-def _fitting(folder: Path) -> dict[str, Path]:
-    """The datasets that fit, each with the file or folder that says so.
-
-    Those with poses go before single images, which lie in many folders.
-    """
+    check_folder(folder, "correct the path")
     known = plugins.usable("dataset")
     signs = {}
     for plugin in known.values():
         there = (path for sign in plugin.signs for path in sorted(folder.glob(sign)))
-        if (path := next(there, None)) is not None:
+        path = next(there, None)
+        if path is not None:
             signs[plugin.name] = path.relative_to(folder)
-    return {name: sign for name, sign in signs.items() if "poses" in known[name].has} or signs
+    fits = {name: sign for name, sign in signs.items() if "poses" in known[name].has} or signs
+    root = f"dataset.root={quoted(str(folder))}"
+    if len(fits) > 1:
+        either = " or ".join(f"dataset={name} (for {sign})" for name, sign in fits.items())
+        raise InputError("fits several datasets", folder, f"give {root} and {either}")
+    if not fits:
+        # Datasets with a licence are published data.
+        of_users = (p for p in known.values() if p.signs and not p.licence)
+        looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
+        fault = f"holds none of {looked_for}, and no published dataset"
+        raise no_image(folder, fault, "name the dataset: dataset=NAME dataset.root=DIR")
+    ((name, sign),) = fits.items()
+    progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
+    return name
 
 
 # -- what lists show -----------------------------------------------------------------------------------------
@@ -327,7 +268,8 @@ def preset_entries(group: str) -> list[dict[str, Any]]:
 
 def configured_entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
-    found = (
-        (preset, plugin_of(kind, preset["name"])) for preset in preset_entries(GROUPS[kind])
-    )
-    return [entry(plugin) | preset for preset, plugin in found if plugin]
+    made = []
+    for preset in preset_entries(GROUPS[kind]):
+        plugin = plugins.find(kind, configuration(kind, preset["name"])["name"])
+        made.append(entry(plugin) | preset)
+    return made

@@ -13,16 +13,15 @@ import contextlib
 import copy
 import functools
 import itertools
-import operator
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.jobs import hydra_configs
-from sucre_bench.jobs.asked import KINDS, Asked, Entry
-from sucre_bench.jobs.catalogue import SEED
+from sucre_bench.jobs.asked import Asked, Entry, flat
+from sucre_bench.jobs.catalogue import KINDS, SEED
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.read_words import read, reading_experiment
 from sucre_bench.jobs.word_syntax import Word, first_line, literal, quoted, value_of
@@ -70,24 +69,22 @@ def command_of(asked: Asked) -> Command:
     with _faults(asked):
         if asked.config is None:
             config = hydra_configs.composed(lines_of(asked))
-            words: dict[str, str] = {kind: asked.chosen[kind][0].word for kind in KINDS}
-            return Command((job_of(config, (), words),), config, asked.words)
+            return Command((job_of(config),), config, asked.words)
 
         @functools.cache
         def start(*choices: str) -> dict[str, Any]:
             return hydra_configs.plain(hydra_configs.composed([*asked.of_hydra, *choices]))
 
-        settings = [word for word in asked.params if not asked.is_replaced(word)]
-        settings += asked.typed
         made = list[tuple[Job, tuple[str, ...]]]()
         with hydra_configs.current(asked.config):
             for pair in itertools.product(*asked.chosen.values()):
-                made += _of_pair(pair, _settings(asked, settings, pair), asked.of_hydra, start)
+                made += _of_pair(asked, pair, start)
     every = [job for job, _ in made]
     _refuse_same_place(every)
-    overrides = tuple(lines for _, lines in made)
     shared = tuple(_sharing_pairs(every, asked))
-    return Command(shared, asked.config, asked.words, True, overrides)
+    return Command(
+        shared, asked.config, asked.words, True, tuple(overrides for _, overrides in made)
+    )
 
 
 def lines_of(asked: Asked) -> list[str]:
@@ -99,26 +96,27 @@ def lines_of(asked: Asked) -> list[str]:
     for kind, entries in asked.chosen.items():
         if any(word.key == kind for word in asked.typed):
             lines.append(f"{kind}={','.join(quoted(entry.name) for entry in entries)}")
-    for key, word in _settings(asked, asked.typed).items():
+    alone = [entries[0] for entries in asked.chosen.values() if len(entries) == 1]
+    for key, word in _settings(asked, asked.typed, alone).items():
         lines.append(f"~{key}" if word.is_deleted else word.line)
     return lines
 
 
 def _settings(
-    asked: Asked, words: Sequence[Word], pair: Sequence[Entry] = ()
+    asked: Asked, words: Sequence[Word], own: Sequence[Entry], is_pair: bool = False
 ) -> dict[str, Word]:
-    """The words for a dataset and a method by their keys in a configuration, of which the last counts, in its place.
+    """The words by their keys in a configuration, of which the last counts, in its place.
 
-    pair: empty for all datasets and methods.
+    own: datasets and methods whose options come first; is_pair: leave out words that none of them has.
     """
-    alone = [entries[0] for entries in asked.chosen.values() if len(entries) == 1]
-    settings = {word.key: word for entry in pair or alone for word in entry.words()}
+    settings = {word.key: word for entry in own for word in entry.words()}
     for word in words:
         key = word.key
         if key in KINDS:
             continue
-        if kind := asked.kind_of(word):
-            if pair and not any(entry.has(word) for entry in pair):
+        kind = asked.kind_of(word)
+        if kind:
+            if is_pair and not any(entry.has(word) for entry in own):
                 continue
             key = f"{kind}.{word.option}"
             word = replace(word, line=f"++{key}={word.value}")
@@ -127,73 +125,61 @@ def _settings(
     return settings
 
 
-def job_of(
-    config: DictConfig,
-    swept: Sequence[str] = (),
-    words: Mapping[str, str] | None = None,
-) -> Job:
-    """Return the job of a configuration that Hydra composed. swept, words: see `Job.of`.
+def job_of(config: DictConfig, swept: Sequence[str] = ()) -> Job:
+    """Return the job of a configuration that Hydra composed. swept: see `Job.of`.
 
     Raises InputError for an option that is unknown, and for a value that is not acceptable.
     """
     with hydra_configs.current(config) if "hydra" in config else contextlib.nullcontext():
-        return Job.of(_filled(hydra_configs.plain(config)), swept, words)
+        return Job.of(_filled(hydra_configs.plain(config)), swept)
 
 
 @contextlib.contextmanager
 def _faults(asked: Asked) -> Iterator[None]:
-    """Name the experiment at which a fault of this block is, unless it is at a word."""
+    """Name the experiment in a fault of this block, unless a word of the command has the option or the name."""
     try:
         yield
     except SucreBenchError as fault:
-        place = fault.place
-        typed = {text for word in asked.typed for text in (word.text, word.key, word.head)}
-        values = "=".join(word.text.partition("=")[2] for word in asked.typed)
-        names = re.findall(r"[^][,'\":=]+", values)
-        is_typed = (
-            place in {*typed, *names}
-            or place.partition("=")[0] in typed
-            or re.split("[.:]", place)[0] in names
+        option = re.split(r"[.=]", fault.place)[-1]
+        is_typed = any(
+            word.text == fault.place or option == word.key.rpartition(".")[2]
+            for word in asked.typed
         )
-        raise (
-            fault if is_typed or not asked.experiment else fault.within(asked.experiment)
-        ) from None
+        is_ours = is_typed or not asked.experiment
+        raise (fault if is_ours else fault.within(asked.experiment)) from None
 
 
 def _of_pair(
-    pair: Sequence[Entry],
-    words: Mapping[str, Word],
-    of_hydra: Sequence[str],
-    start: Callable[..., dict[str, Any]],
+    asked: Asked, pair: Sequence[Entry], start: Callable[..., dict[str, Any]]
 ) -> Iterator[tuple[Job, tuple[str, ...]]]:
     """The jobs of one dataset and one method: of every combination of the words' values, each with its overrides.
 
     start: what Hydra composes of choices.
     """
+    words = _settings(asked, asked.settings, pair, is_pair=True)
     swept = [key for key, word in words.items() if word.is_swept]
-    deleted = [key for key, word in words.items() if word.is_deleted]
-    typed: dict[str, str] = {entry.kind: entry.word for entry in pair}
+    groups = [line for line in asked.of_hydra if not line.lstrip("+~").startswith("hydra")]
     for given in itertools.product(*(word.values for word in words.values())):
         settings = dict(zip(words, given, strict=True))
         choices = [f"{entry.kind}={quoted(entry.name)}" for entry in pair]
         if "metrics" in settings:
             choices.append(f"metrics={value_of(settings.pop('metrics'))}")
-        values = copy.deepcopy(start(*choices))
+        composed = start(*choices)
+        values = copy.deepcopy(composed)
         for key, value in settings.items():
-            _put(values, key, value, key in deleted)
-        job = Job.of(_filled(values), swept, typed)
-        labels = {
-            "dataset.label": job.values["dataset"]["label"] or job.dataset.plugin.name,
-            "method.label": job.method.label,
-        }
-        at = {
-            key: functools.reduce(operator.getitem, key.split("."), job.values)
-            for key in settings
-            if key not in deleted
-        }
-        lines = [f"++{key}={value_of(literal(value))}" for key, value in (at | labels).items()]
-        groups = [word for word in of_hydra if not word.lstrip("+~").startswith("hydra")]
-        yield job, (*groups, *choices, *lines, *(f"~{key}" for key in deleted))
+            _put(values, key, value, words[key].is_deleted)
+        job = Job.of(_filled(values), swept)
+        usual = dict(flat("", composed))
+        made = dict(flat("", job.values))
+        made["dataset.label"] = job.values["dataset"]["label"] or job.dataset.plugin.name
+        made["method.label"] = job.method.label
+        lines = [
+            f"++{key}={value_of(literal(value))}"
+            for key, value in made.items()
+            if usual.get(key, ...) != value
+        ]
+        lines += [f"~{key}" for key in settings if words[key].is_deleted]
+        yield job, (*groups, *choices, *lines)
 
 
 def _sharing_pairs(every: Sequence[Job], asked: Asked) -> Sequence[Job]:
@@ -213,20 +199,17 @@ def _part(job: Job) -> tuple[int, int, int]:
 
 def _refuse_same_place(planned: Sequence[Job]) -> None:
     """Raise InputError if two jobs would write to one place."""
-    seen: dict[tuple[object, ...], Job] = {}
+    seen = set[tuple[object, ...]]()
     for job in planned:
-        labels = as_one_file(job.dataset.label), as_one_file(job.method.label)
-        other = seen.setdefault((*labels, *_part(job)), job)
-        if other is not job:
+        place = (as_one_file(job.dataset.label), as_one_file(job.method.label), *_part(job))
+        if place in seen:
             name = f"{job.dataset.label} / {job.method.label}"
-            if (other.method, other.dataset) != (job.method, job.dataset):
-                choice = job.method if other.dataset == job.dataset else job.dataset
-                raise InputError(
-                    f"two jobs of this sweep would both be '{name}'; tell them apart with {choice.label_option}"
-                )
-            raise InputError(
-                f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options"
+            fault = f"two jobs of this sweep would both be '{name}'"
+            remedy = (
+                "give each a label, NAME.label=..., and sweep only over what labels may name"
             )
+            raise InputError(fault, remedy=remedy)
+        seen.add(place)
 
 
 # -- the values of a configuration -----------------------------------------------------------------------------
@@ -240,19 +223,15 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
         if not isinstance(node.get(group), dict):
             raise unknown_name(key, group, node)
         node = node[group]
-    if name not in node and groups not in (
-        ["dataset"],
-        ["method"],
-    ):
+    if name not in node and groups not in (["dataset"], ["method"]):
         # whose options were checked
         raise unknown_name(key, name, node)
     if is_deleted:
         del node[name]
-        return
-    options = node.get(name)
-    if isinstance(options, dict) and isinstance(value, dict):
-        value = {**options, **value}
-    node[name] = value
+    elif isinstance(node.get(name), dict) and isinstance(value, dict):
+        node[name] = {**node[name], **value}
+    else:
+        node[name] = value
 
 
 def _filled(values: dict[str, Any]) -> dict[str, Any]:
@@ -269,9 +248,9 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
     text = str(values)
     if "${" not in text:
         return values
-    if numbered := re.search(r"\$\{hydra:job\.(num|id)\}", text):
+    if "${hydra:job.num}" in text:
         remedy = "write what varies: method.label='gain {strength}'"
-        raise InputError("is known only when a job runs", numbered[0], remedy)
+        raise InputError("is known only when a job runs", "${hydra:job.num}", remedy)
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
@@ -284,8 +263,7 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
     try:
         resolved = OmegaConf.to_container(OmegaConf.create(concerned), resolve=True)
     except OmegaConfBaseException as fault:
-        raise InputError(
-            first_line(fault), fault.full_key or "", "mend the ${...} in it"
-        ) from fault
+        place = fault.full_key or ""
+        raise InputError(first_line(fault), place, "mend the ${...} in it") from fault
     assert isinstance(resolved, dict)
     return {**values, **{str(key): value for key, value in resolved.items()}}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.asked import KINDS
+from sucre_bench.jobs.catalogue import KINDS
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.rerun import given, undegraded_label
 from sucre_bench.jobs.run_options import RunConfig

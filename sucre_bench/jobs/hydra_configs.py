@@ -13,7 +13,6 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import plugins
 from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, unknown_name
 from sucre_bench.jobs.word_syntax import first_line
 
@@ -71,6 +70,12 @@ def _hydra_app(places: tuple[str, ...]) -> Hydra:
     return Hydra(task_name="sucre_bench", config_loader=ConfigLoaderImpl(path))
 
 
+def names(group: str) -> list[str]:
+    """Return what can be chosen of a group: plugins, and files of conf/ and of the user's own folders."""
+    found: list[str] = loader().get_group_options(group)
+    return found
+
+
 def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "") -> DictConfig:
     """Return what Hydra composes of overrides. is_sweep: leave out the words with several values.
 
@@ -85,28 +90,8 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
                 config or config_name(), [*overrides], mode
             )
             return made
-        except (
-            AssertionError,
-            AttributeError,
-            LookupError,
-            TypeError,
-            ValueError,
-        ) as fault:
-            # of words of odd types
-            raise InputError(
-                first_line(fault), "", "`sucre-bench run --cfg all` shows what there is"
-            ) from fault
-
-
-# Launchers and sweepers of others, and what installs them.
-_INSTALLS = {
-    "joblib": "sucre-bench[joblib]",
-    "slurm": "sucre-bench[slurm]",
-    "submitit_local": "sucre-bench[slurm]",
-    "submitit_slurm": "sucre-bench[slurm]",
-    "optuna": "hydra-optuna-sweeper",
-    "ray": "hydra-ray-launcher",
-}
+        except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as fault:
+            raise _explained(fault, overrides) from fault  # of words of odd types
 
 
 @contextmanager
@@ -117,11 +102,9 @@ def faults_of_hydra(overrides: Sequence[str]) -> Iterator[None]:
 
     try:
         yield
-    except yaml.YAMLError as fault:
-        mark = getattr(fault, "problem_mark", None)
-        line = f"line {mark.line + 1}: is no plain YAML" if mark else "cannot be read"
-        reason = getattr(fault, "problem", None) or first_line(fault)
-        raise InputError(f"{line}, {reason}", "", "mend it") from fault
+    except yaml.MarkedYAMLError as fault:
+        line = f"line {fault.problem_mark.line + 1}: " if fault.problem_mark else ""
+        raise InputError(f"{line}is no plain YAML, {fault.problem}", "", "mend it") from fault
     except HydraException as fault:
         raise _explained(fault, overrides) from fault
 
@@ -132,33 +115,21 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
 
     if isinstance(fault, MissingConfigException) and fault.missing_cfg_file:
         group, _, name = str(fault.missing_cfg_file).rpartition("/")
-        if group.startswith("hydra") and name in _INSTALLS:
-            return InputError(
-                f"{group}={name} is not installed", remedy=f"pip install '{_INSTALLS[name]}'"
-            )
-        kinds: dict[str, plugins.Kind] = {
-            "metrics": "metric",
-            "method": "method",
-            "dataset": "dataset",
-        }
-        if kind := kinds.get(group):
-            return plugins.unknown(
-                kind, name.partition(":")[0], {*plugins.discover(kind), *preset_names(group)}
-            )
-        options = fault.options or preset_names(group)
-        what = group or "configuration"
-        return InputError(f"no {what} is called '{name}'", remedy=did_you_mean(name, options))
+        options = fault.options or names(group)
+        remedy = did_you_mean(name.partition(":")[0], options)
+        if group.startswith("hydra"):
+            remedy += "; or install the package that has it"
+        kind = group.removesuffix("s") or "configuration"
+        return InputError(f"no {kind} is called '{name}'", remedy=remedy)
     is_vague = not str(fault) or str(fault).startswith("Error merging override")
-    text = first_line(fault.__cause__ or fault) if is_vague else first_line(fault)
+    text = first_line((is_vague and fault.__cause__) or fault)
     key = text.partition("'")[2].partition("'")[0]
-    if text.startswith("Could not override '") and "." in key:
-        group, _, name = key.rpartition(".")
-        others = [word for word in overrides if not word.lstrip("+").startswith(f"{key}=")]
-        if len(others) < len(overrides):
-            known = selected(composed(others, is_sweep=True), group)
-            if known:
-                return unknown_name(key, name, known)
-            return InputError(f"no option '{name}'", key, f"write +{key}=VALUE to add it")
+    group, _, name = key.rpartition(".")
+    others = [word for word in overrides if not word.lstrip("+").startswith(f"{key}=")]
+    if group and text.startswith("Could not override '") and len(others) < len(overrides):
+        known = selected(composed(others, is_sweep=True), group)
+        if known:
+            return unknown_name(key, name, known)
     place = next((word for word in overrides if key and key in word), "")
     return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
 
@@ -239,7 +210,7 @@ def preset(group: str, name: str) -> dict[str, Any] | None:
 def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
     from omegaconf import OmegaConf
 
-    if not name or name not in preset_names(group):
+    if not name or not loader().repository.config_exists(f"{group}/{name}"):
         return None
     with warnings.catch_warnings(action="ignore"):
         # that _self_ is not in its defaults: it is last
@@ -247,18 +218,6 @@ def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
     values = OmegaConf.to_container(config, resolve=False)
     assert isinstance(values, dict)
     return values.get(group)
-
-
-def preset_names(group: str) -> list[str]:
-    """Return the names of the files of a group, of conf/ and of the user's own folders."""
-    from hydra.core.object_type import ObjectType
-
-    found = (
-        one
-        for one in loader().get_sources()
-        if one.scheme() not in ("plugins", "structured") and one.is_group(group)
-    )
-    return sorted({name for one in found for name in one.list(group, ObjectType.CONFIG)})
 
 
 @functools.cache

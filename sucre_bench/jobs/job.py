@@ -53,20 +53,17 @@ class Job(RunConfig):
         cls,
         values: Mapping[str, Any],
         swept: Sequence[str] = (),
-        words: Mapping[str, str] | None = None,
     ) -> Job:
         """Read a configuration. swept: the keys that a sweep varies; labels name their values.
 
-        words: what the user types before the options of the dataset and of the method, see `Choice.word`.
         Raises InputError for an option that is unknown, and for a value that is not acceptable.
         """
         run = RunConfig.of(values)
-        typed = words or {}
         plain = dict(values)
         chosen = dict[str, Choice]()
         given: dict[plugins.Kind, Any] = {"dataset": run.dataset, "method": run.method}
         for kind, options in given.items():
-            choice = _labelled(plugin_choice(kind, options, typed.get(kind, "")), swept)
+            choice = _labelled(plugin_choice(kind, options), swept)
             # a method may say how rows are to record its options
             pinned = getattr(choice.plugin.cls, "pinned", None) if kind == "method" else None
             if pinned:

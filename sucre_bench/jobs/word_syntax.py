@@ -68,17 +68,13 @@ def literal(value: Any) -> Any:
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
-QUOTED = r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*\""""
+_QUOTED = r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*\""""
 # Text in quotes, or a bare value of a list or a mapping.
-_VALUE = re.compile(QUOTED + r"""|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
-
-# A bare name of a folder or label with spaces at an end, which Hydra would leave out.
-_NAMES = (".out", ".label", ".root")
-_SPACED = re.compile(r"""[ \t]+[^][{}(),:'"$]+|[^][{}(),:'"$]+[ \t]+""")
+_VALUE = re.compile(_QUOTED + r"""|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
 
 
 def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word]:
-    """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it.
+    """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to quote it.
 
     loader: knows the names that glob() may mean.
 
@@ -94,8 +90,6 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
     for text in texts:
         key, equals, typed = text.partition("=")
         readable = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
-        if f".{key}".endswith(_NAMES) and _SPACED.fullmatch(typed):
-            readable = f"'{typed}'"
         try:
             (override,) = parser.parse_overrides([f"{key}{equals}{readable}"])
             values: list[Any] = [override.value()]
@@ -104,20 +98,11 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
                 values = [parser.parse_override(f"{key}={one}").value() for one in each]
         except HydraException as fault:
-            if key and re.fullmatch(r"""\[[^]['"]+\]""", typed):
-                names = [name.strip() for name in typed[1:-1].split(",")]
-                remedy = f"write {shell([f'{key}={value_of(names)}'])}"
-                raise InputError("special characters need quotes", text, remedy) from fault
-            if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
-                remedy = f'write "{key}={quoted(typed)}", both kinds'
-                function = re.search("Unknown function '(.+)'\nAvailable: (.+)", str(fault))
-                if function:
-                    remedy = f"{function[2]} are there; for a name with brackets, {remedy}"
-                    raise InputError(f"no function '{function[1]}'", text, remedy) from fault
-                raise InputError("special characters need quotes", text, remedy) from fault
-            if any(typed.count(mark) % 2 for mark in "'\""):
-                raise InputError("a quote is not closed", text, "write it twice") from fault
-            raise InputError(first_line(fault), text, "an override reads key=value") from fault
+            value = quoted(typed)
+            if typed.startswith("["):
+                value = value_of([name.strip() for name in typed[1:].rstrip("]").split(",")])
+            remedy = f"write {shell([f'{key}={value}'])}"
+            raise InputError("special characters need quotes", text, remedy) from fault
         name = override.get_key_element().lstrip("+~")
         # + is for keys that Hydra does not know, and ours are all known
         as_read = key if name.startswith("hydra") else key.lstrip("+")

@@ -54,8 +54,8 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("+method.speed=3", "gain"),
         ("method=gain,faulty", "-m"),
         ("method=null", "method=a,b"),
-        ("gain.raw=true", "seathru.raw"),
-        ("hydra.searchpath=mine", "hydra.searchpath=[mine]"),
+        ("gain.raw=true", "gain.raw"),
+        ("hydra.searchpath=mine", "hydra.searchpath"),
         ("dataset=[toy,demo]", "dataset=a,b"),
         ("out=${nowhere}", "nowhere"),
         ("hydra.launcher.n_jbs=2", "hydra.launcher.n_jbs"),
@@ -71,7 +71,6 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("metrics.psnr=3", "group"),
         ("metrics.psnr.variants=3", "list"),
         ("views={a: 1}", "list"),
-        ("tracking=null", "server"),
         ("method='gray_world", "method='gray_world"),
     ],
 )
@@ -133,8 +132,8 @@ def test_a_label_of_ones_own_says_which_swept_value_it_has():
     [
         (["method=gain,halved", "method.label=mine"], r"'toy / mine'; .*label="),
         (["method.gain=1,2", "method.label='a b','a_b'"], "label="),
-        (["views=[v0.png],[v1.png]"], "same, 'toy / gain'"),
-        (["metrics=[psnr],[ssim]"], "same, 'toy / gain'"),
+        (["views=[v0.png],[v1.png]"], "'toy / gain'"),
+        (["metrics=[psnr],[ssim]"], "'toy / gain'"),
     ],
 )
 def test_two_jobs_that_would_write_to_one_place_are_refused(words: list[str], fault: str):
@@ -308,7 +307,7 @@ def test_a_folder_that_fits_several_datasets_is_the_users_choice(tmp_path: Path)
     ("word", "named"),
     [
         ("dataset=./empty", "sparse/cameras.*"),
-        ("dataset=./above", "dataset=above/photos"),
+        ("dataset=./above", "sparse/cameras.*"),
         ("dataset=./nowhere", "folder"),
         ("dataset=./file", "file"),
         ("dataset=empty", "dataset=./empty"),
@@ -326,16 +325,11 @@ def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str
         assert named in names(done.stderr)
 
 
-def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
-    """`photos` is both. Where nothing else names the data, the folder is meant."""
+def test_a_folder_with_the_name_of_a_dataset_is_given_as_a_path(bench, tmp_path: Path):
+    """`photos` is both."""
     write_image(tmp_path / "photos" / "a.png", picture(1))
-    assert bench("run", "dataset=photos", "method=gray_world", "--cfg").returncode == 0
-    described = bench("describe", "photos", "--no-sheet")
-    assert described.returncode == 0
-    assert "dataset=photos dataset.root=photos" in described.stdout + described.stderr
-    refused = bench("run", "photos", "method=gray_world").stderr
-    assert "write sucre-bench run dataset=photos method=gray_world" in refused
-    assert "dataset.root=FOLDER" in bench("describe", "uieb").stderr
+    assert "photos.root" in bench("run", "dataset=photos", "method=gray_world").stderr
+    assert bench("run", "dataset=./photos", "method=gray_world", "--cfg").returncode == 0
 
 
 def test_a_primary_config_of_the_user_begins_with_ours(bench, tmp_path: Path):
@@ -362,11 +356,11 @@ def test_a_primary_config_of_the_user_begins_with_ours(bench, tmp_path: Path):
         assert told in names(done.stderr)
 
 
-def test_two_presets_of_one_plugin_are_told_apart_by_the_names_that_were_typed(bench, tmp_path):
+def test_two_presets_of_one_plugin_are_told_apart_by_labels(bench, tmp_path):
     (tmp_path / "method").mkdir()
     (tmp_path / "method/weak.yaml").write_text("defaults: [red_compensation]\nstrength: 0.1")
     words = ("run", "-cd", ".", "-m", "dataset=demo", "method=red_compensation,weak", "--cfg")
     done = bench(*words)
     assert done.returncode == 2
-    assert "weak.label" in done.errors[0]
+    assert "label" in done.errors[0]
     assert bench(*words, "weak.label=weak").returncode == 0
