@@ -63,7 +63,7 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     job = planned.job
     try:
         at = f"the start of method '{job.method.label}'"
-        with step(at), typed_before(job.method.always_typed):
+        with step(at), typed_before(job.method.plugin.name):
             method = job.method.make()
             of_views = [metric for metric in job.metrics if not metric.plugin.is_of_pairs]
             metrics = scorers(of_views, log_path(job.out), job.view_timeout_s)
@@ -110,19 +110,16 @@ def make_ready(method: Any) -> None:
         load(f"method '{method.__plugin__.name}'", package)
 
 
-def measured_restore(
-    method: Any, scene: Scene, view: View, word: str = "", in_srgb: bool = True
-) -> Measured:
+def measured_restore(method: Any, scene: Scene, view: View, in_srgb: bool = True) -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
-    word: see `checked_restore`. The view's own planes are decoded before the clock starts: reading the target is not
-    restoring it. Where a method says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done
-    elsewhere, that counts.
+    The view's own planes are decoded before the clock starts: reading the target is not restoring it. Where a method
+    says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
     """
     _ = view.rgb.shape, view.has_depth
     with PeakMemory() as memory:
         started = time.perf_counter()
-        restoration = checked_restore(method, scene, view, word)
+        restoration = checked_restore(method, scene, view)
         seconds = time.perf_counter() - started
     took = {"seconds": seconds, "peak_mb": memory.peak_mb}
     took |= {
@@ -180,11 +177,10 @@ def _stored_or_restored(
         return replace(kept, restoration=with_truth(kept.restoration, scene, view))
     name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
     at = f"method '{job.method.label}' on view '{name}'"
-    word = job.method.always_typed
     try:
         wanted = shown_with(job.method.display, in_full=is_stored, in_run=True)
         with step(at, job.view_timeout_s), wanted:
-            measured = measured_restore(method, scene, view, word, job.colours == "srgb")
+            measured = measured_restore(method, scene, view, job.colours == "srgb")
     except OutputError as fault:
         # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault

@@ -84,11 +84,10 @@ def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoratio
     )
 
 
-def checked_restore(method: Any, scene: Scene, view: View, word: str = "") -> Restoration:
+def checked_restore(method: Any, scene: Scene, view: View) -> Restoration:
     """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
     saying what it explains.
 
-    word: what a user writes before the method's options, "sucre_exact" for "sucre_exact.fill=true"; default its name.
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """
@@ -105,7 +104,7 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "") -> Re
         if converts
         else view
     )
-    with typed_before(word or method.__plugin__.name):
+    with typed_before(method.__plugin__.name):
         restoration = method.restore(scene, given)
     if not isinstance(restoration, Restoration):
         raise PluginError(

@@ -15,7 +15,7 @@ import math
 import textwrap
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -247,18 +247,10 @@ class Choice:
     variants: tuple[str, ...] = ()
     """Of a metric."""
 
-    word: str = field(default="", compare=False)
-    """What the user types before its options in the command, "sucre" or "method"; empty where nobody typed any."""
-
-    @property
-    def always_typed(self) -> str:
-        """What stands before an option of a method in any command: its name, or that of a preset."""
-        return self.plugin.name if self.word in ("", "method") else self.word
-
     @property
     def label_option(self) -> str:
         """The word of a command that gives it another label."""
-        return f"{self.word or self.plugin.kind}.label=..."
+        return f"{self.plugin.kind}.label=..."
 
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
@@ -270,7 +262,7 @@ class Choice:
         plugin = self.plugin
         require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
         seed = {} if self.seed is None else {"seed": self.seed}
-        with typed_before(self.word):
+        with typed_before(plugin.name):
             made = plugin.cls(**{**self.options, **seed})
         for option, path in read_by_options(plugin, self.options):
             if isinstance(path, Plugin) or path.is_dir():
@@ -280,8 +272,8 @@ class Choice:
             fault = fault_of(path)
             if fault and not may_come:
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-                where = f"{self.word or plugin.kind}.{option.name}"
-                raise InputError(fault, path, f"give a path that exists in {where}{words}")
+                remedy = f"give a path that exists in {plugin.name}.{option.name}{words}"
+                raise InputError(fault, path, remedy)
         return made
 
     @property
@@ -307,10 +299,10 @@ class Choice:
         return {"name": self.plugin.name, **display, **plain_value(self.options)}
 
 
-def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
+def plugin_choice(kind: Kind, values: Any) -> Choice:
     """Return the plugin that `name` in the values is, with its label, display and checked options.
 
-    word: see `Choice`. Raises InputError for what the plugin does not take.
+    Raises InputError for what the plugin does not take.
     """
     values = dict(values or {})
     if "name" not in values:
@@ -324,8 +316,8 @@ def plugin_choice(kind: Kind, values: Any, word: str = "") -> Choice:
     check_argument(f"{kind}.display", display, str)
     if kind == "method":
         normalisation(display)
-    options = checked_options(plugin.cls, values, word)
-    return Choice(plugin, label or plugin.name, options, display, word=word)
+    options = checked_options(plugin.cls, values)
+    return Choice(plugin, label or plugin.name, options, display)
 
 
 def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
