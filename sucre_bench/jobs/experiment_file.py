@@ -13,12 +13,13 @@ from typing import Any
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.catalogue import KINDS
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.rerun import given, undegraded_label
+from sucre_bench.jobs.rerun import given
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.word_syntax import literal, value_of
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.options import plain_value
+from sucre_bench.plugins.options import Choice, plain_value
+from sucre_bench.plugins.plugin import Kind
 
 EXPERIMENT = "experiment.yaml"
 # Settings of a command that an experiment has where they are not as by default.
@@ -49,25 +50,20 @@ def record_experiment(jobs: Sequence[Job]) -> None:
     except InputError:
         content = {}
     sweeper = content.get("hydra", {}).get("sweeper", {})
-    listed = {
-        kind: {_label(kind, one): one for one in sweeper.get(f"{kind}s", ())} for kind in KINDS
-    }
-    metrics = {
-        str(name).partition(":")[0]: values
-        for name, values in content.get("metrics", {}).items()
-    }
+    datasets = {_of_label(one): one for one in sweeper.get("datasets", ())}
+    methods = {_of_label(one): one for one in sweeper.get("methods", ())}
+    metrics = dict(content.get("metrics", {}))
     for job in jobs:
-        degrade = {"degrade": job.degrade.record} if job.degrade.record else {}
-        label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
-        dataset = {"label": label, **given("dataset", job.dataset.record, job.seed), **degrade}
-        method = {"label": job.method.label, **given("method", job.method.record, job.seed)}
-        listed["dataset"][job.dataset.label] = {"dataset": job.dataset.plugin.name, **dataset}
-        listed["method"][job.method.label] = {"method": job.method.plugin.name, **method}
+        dataset = _listed("dataset", job.dataset, job.seed)
+        dataset["label"] = job.values["dataset"]["label"] or job.dataset.plugin.name
+        if job.degrade.record:
+            dataset["degrade"] = job.degrade.record
+        datasets[_of_label(dataset)] = dataset
+        method = _listed("method", job.method, job.seed)
+        methods[_of_label(method)] = method
         for metric in job.metrics:
-            metrics[metric.plugin.name] = {
-                "variants": list(metric.variants),
-                **given("metric", metric.record),
-            }
+            variants = {"variants": list(metric.variants)}
+            metrics[metric.plugin.name] = {**variants, **given("metric", metric.record)}
     replicates = {job.replicate for job in jobs} | set(content.get("replicates", ()))
     usual = RunConfig.defaults()
     now = {name: plain_value(getattr(first, name)) for name in _RECORDED}
@@ -75,7 +71,7 @@ def record_experiment(jobs: Sequence[Job]) -> None:
     if first.study:
         study = plain_value(vars(first.study))
         settings["study"] = {name: v for name, v in study.items() if v != usual["study"][name]}
-    sweeper = {f"{kind}s": [*listed[kind].values()] for kind in KINDS}
+    sweeper = {"datasets": [*datasets.values()], "methods": [*methods.values()]}
     if replicates != {0}:
         sweeper["params"] = {"replicate": value_of(sorted(replicates))[1:-1]}
     experiment = {
@@ -114,8 +110,12 @@ def read_recorded(out: Path) -> dict[str, Any]:
         return {**content, "replicates": [int(number) for number in replicates.split(",")]}
 
 
-def _label(kind: str, one: Mapping[str, Any]) -> str:
-    """The label that the rows of a listed dataset or method have."""
-    from sucre_bench.degrade import Degradation
+def _listed(kind: Kind, choice: Choice, seed: int) -> dict[str, Any]:
+    """A dataset or method as a sweeper lists it. seed: of the run."""
+    options = given(kind, choice.record, seed)
+    return {kind: choice.plugin.name, "label": choice.label, **options}
 
-    return Degradation.of(one.get("degrade") or {}).labelled(str(one.get("label") or one[kind]))
+
+def _of_label(listed: Mapping[str, Any]) -> str:
+    """What tells a listed dataset or method from others: its label, and how it is degraded."""
+    return f"{listed.get('label')} {listed.get('degrade')}"
