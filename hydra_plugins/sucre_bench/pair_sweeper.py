@@ -28,7 +28,9 @@ class WorkersLauncher(BasicLauncher):
 class PairSweeper(Sweeper):
     """Every dataset with every method: all jobs are checked before the first one runs."""
 
-    watch: Any = None  # what follows the command
+    # What the command asks for, and what follows it.
+    asked: Any = None
+    watch: Any = None
 
     def __init__(self, **listed: Any) -> None:
         self.listed = listed  # in the configuration, where composing finds them
@@ -36,20 +38,19 @@ class PairSweeper(Sweeper):
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
     ) -> None:
-        """Take the configuration that all jobs share."""
-        self.config = config
+        """Make the launcher."""
         self.context = hydra_context
         self.launcher: Any = Plugins.instance().instantiate_launcher(
             hydra_context=hydra_context, task_function=task_function, config=config
         )
 
     def sweep(self, arguments: list[str]) -> Any:
-        """Run the jobs of the words of a command, and return the outcome of all."""
+        """Run the jobs of a command, and return the outcome of all."""
         from sucre_bench.engine.hydra_run import run_as_job
         from sucre_bench.engine.run import run
-        from sucre_bench.jobs import compose_jobs, read_words
+        from sucre_bench.jobs.compose_jobs import command_of
 
-        command = compose_jobs.command_of(read_words.read(arguments, True, self.config))
+        command = command_of(self.asked)
         if isinstance(self.launcher, WorkersLauncher):
             return run_as_job(command, self.context, self.watch)[0]
         return run(command, self.watch, self._launch)

@@ -61,8 +61,8 @@ def _search_path(words: Sequence[str]) -> Iterator[str]:
         yield folder
 
 
-def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None) -> Asked:
-    """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
+def read(words: Sequence[str], multirun: bool) -> Asked:
+    """Read the words of a command, and let Hydra compose what the jobs of a sweep share."""
     files = [word for word in words if _is_file(word)]
     for text in words:
         if "=" not in text and not text.startswith("~") and text not in files:
@@ -82,7 +82,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
             raise InputError("one experiment at a time", experiment, remedy)
     of_hydra = tuple(word.line for word in groups)
     has_mode = any(word.key == "hydra.mode" for word in groups)
-    if config is None and (multirun or experiment or has_mode):
+    config: DictConfig | None = None
+    if multirun or experiment or has_mode:
         try:
             config = hydra_configs.composed([*of_hydra, *_shared(rest)], is_sweep=True)
         except SucreBenchError as fault:
