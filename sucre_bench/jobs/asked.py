@@ -129,16 +129,16 @@ class Asked:
         """
         swept = dict(self.sweeper("params"))
         params = parse(f"{key}={value}" for key, value in flat("", swept))
-        is_replaced = any(word.key in KINDS for word in self.typed)
+        return [*(word for word in params if not self._is_replaced(word)), *self.typed]
+
+    def _is_replaced(self, word: Word) -> bool:
+        """Whether the command chooses other datasets or methods than those that have an option of the experiment."""
+        replaced = {one.key for one in self.typed if one.key in KINDS}
         chosen = [entry for kind in KINDS for entry in self.chosen[kind]]
-        kept = [
-            word
-            for word in params
-            if not is_replaced
-            or word.head in _OF_RUN.difference(KINDS)
-            or any(entry.has(word) for entry in chosen)
-        ]
-        return [*kept, *self.typed]
+        if word.head in replaced:
+            return word.key not in KINDS and not any(entry.has(word) for entry in chosen)
+        is_named = word.head in _OF_RUN or any(entry.is_meant(word) for entry in chosen)
+        return bool(replaced) and not is_named
 
     @cached_property
     def chosen(self) -> dict[Kind, list[Entry]]:
