@@ -46,7 +46,9 @@ CASES = {
         f"rn {GRAY}", r"did you mean '(run)'", (f"{RUN.replace('run ', '{1} ')} {GRAY}",)
     ),
     "an option of a method among those of run": Case(
-        f"{RUN} {GRAY} display=none", r"write (method\.display=none)", (f"{RUN} {GRAY} {{1}}",)
+        f"{RUN} {GRAY} display=none",
+        r"write (gray_world\.display=none)",
+        (f"{RUN} {GRAY} {{1}}",),
     ),
     "a mistyped view": Case(
         f"{RUN} {GRAY} views=[aa.png]",
@@ -54,7 +56,9 @@ CASES = {
         (f"{RUN} {GRAY} views=[{{1}}]",),
     ),
     "a word without =": Case(
-        f"{RUN} {GRAY} gray_wrld", r"write sucre-bench (run .*)", ("{1}",)
+        f"{RUN} metrics=[coverage] gray_world",
+        r"write (method=)NAME",
+        (f"{RUN} metrics=[coverage] {{1}}gray_world",),
     ),
     "no metric": Case(
         f"{RUN} method=gray_world metrics=[]",
