@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 from support.colmap_folder import write_dive
+from support.command_line import run_here
 from support.places import ROOT
 
 # The commands that start other processes of Python, and some that do not, one after the other in one process.
