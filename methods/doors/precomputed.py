@@ -27,7 +27,6 @@ from sucre_bench.imaging.reference_images import NEARER, outline, psnr_of, say_i
 from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine.files import check_folder, reading, regular
-from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 
@@ -229,7 +228,7 @@ class RestoredElsewhere:
                 f"{sizes}, another shape", path, "restore the view as it is, uncropped"
             )
         if found != size and not self.resize:
-            remedy = f"restore it at that size, or give {typed_option('resize')}=true"
+            remedy = "restore it at that size, or give method.resize=true"
             raise InputError(sizes, path, remedy)
         is_hole = np.asarray(~np.isfinite(image).all(axis=-1))
         if self.holes != "none" and colours.shape[2] == 4:
@@ -238,10 +237,10 @@ class RestoredElsewhere:
             is_hole |= (image == 0).all(axis=-1)
         if is_hole.all():
             raise InputError(
-                f"{path}: no pixel has a colour; see {typed_option('holes')}, {self.holes} here"
+                f"{path}: no pixel has a colour; see method.holes, {self.holes} here"
             )
         seen = np.where(is_hole[..., None], np.float32(np.nan), image)
-        remedy = f"if it has none, give {typed_option('holes')}=black"
+        remedy = "if it has none, give method.holes=black"
         say_if_black(path, seen, lambda: view.rgb, remedy)
         if profile := profile_of(path):
             image = profile.to_srgb(image, self.encoding_of(view))

@@ -16,7 +16,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import FileError, InputError, one_line
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.files import regular
-from sucre_bench.plugins.call_method import typed_option
 
 if TYPE_CHECKING:
     import torch
@@ -47,7 +46,7 @@ _COUNTER = "num_batches_tracked"
 
 def check_file(path: Path, option: str) -> None:
     """Raise MissingFileError if nothing is there, FileError for anything but a file. option: the one that names it."""
-    remedy = f"give the network's file in {typed_option(option)}, none is shipped"
+    remedy = f"give the network's file in method.{option}, none is shipped"
     try:
         regular(path, remedy)
     except FileError as fault:
@@ -136,7 +135,7 @@ def loaded(architecture: Architecture, weights: Path, device: Device) -> TorchNe
 
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError(
-            "there is no GPU that torch can use", typed_option("device"), "give cpu or auto"
+            "there is no GPU that torch can use", "method.device", "give cpu or auto"
         )
     place = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
     state = weights.stat()

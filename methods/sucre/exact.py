@@ -53,7 +53,6 @@ from sucre_bench.methods.sucre.uncertainty import (
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import typed_option
 
 # The rounding of float32 sums of intensities, as a cost: 1e-6 rms of each observation.
 _ROUNDING = 1e-12
@@ -195,7 +194,7 @@ def check_pairs(observations: Observations) -> None:
 
 def _hopeless(fault: str) -> tuple[str, str, str]:
     """Why no water can be fitted, as an error has it."""
-    known = f"a known water ({typed_option('water')}=FILE)"
+    known = "a known water (method.water=FILE)"
     return fault, "", f"give views that see the same places from other distances, or {known}"
 
 

@@ -58,7 +58,7 @@ from sucre_bench.methods.sucre.robust import trust, trusted
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
 from sucre_bench.methods.sucre.sucre import Sucre
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import is_in_run, typed_option
+from sucre_bench.plugins.call_method import is_in_run
 from sucre_bench.scene import Scene
 
 # Targets, and pixels of each, that models are judged on.
@@ -179,7 +179,7 @@ def _judged(scene: Scene, options: Any, allowed: list[Model], early: list[Model]
 
 def _candidates(options: Any) -> Iterator[Model]:
     """Yield the models that options allow, the preferred ones first."""
-    given = parts_of(options.light, typed_option("light"))
+    given = parts_of(options.light)
     lights = (
         [EVEN_LIGHT, Parts(lens=True), Parts(1, lens=True), Parts(3, lens=True)]
         if given is None

@@ -19,7 +19,7 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.plugins.call_method import checked_restore, typed_option
+from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
@@ -45,7 +45,7 @@ class SourceOption:
     @property
     def typed(self) -> str:
         """The option as its user types it."""
-        return typed_option(self.name)
+        return f"method.{self.name}"
 
 
 WATER = SourceOption("water", ("own", "shared", "truth"))
@@ -180,7 +180,9 @@ def _known(
     if (explained := water.encoding or view.encoding) != encoding:
         remedy = f"give one of {encoding} intensities"
         if option is WATER and view.encoding != "linear":
-            remedy = f"{'give' if explained == 'linear' else 'leave out'} {typed_option('encoding')}=linear"
+            remedy = (
+                f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
+            )
         raise InputError(
             f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}"
         )

@@ -111,8 +111,8 @@ EVEN = "even"
 _WORDS = {"exposure": Parts(1), "white_balance": Parts(3), "lens": Parts(lens=True)}
 
 
-def parts_of(words: str, place: str) -> Parts | None:
-    """Return the parts that a user chose, "exposure+lens"; None for auto. InputError, naming the place, for others."""
+def parts_of(words: str) -> Parts | None:
+    """Return the parts that a user chose, "exposure+lens"; None for auto. InputError for others."""
     if words == AUTO:
         return None
     parts = EVEN_LIGHT
@@ -120,7 +120,7 @@ def parts_of(words: str, place: str) -> Parts | None:
         if word not in _WORDS:
             known = (AUTO, EVEN, *_WORDS)
             raise InputError(
-                f"{place}: '{word}' is not a choice; use one of {', '.join(known)}, or parts joined by +"
+                f"method.light: '{word}' is not a choice; use one of {', '.join(known)}, or parts joined by +"
             )
         one = _WORDS[word]
         parts = Parts(max(parts.gains, one.gains), parts.lens or one.lens)

@@ -54,7 +54,6 @@ from sucre_bench.methods.sucre.uncertainty import (
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import typed_option
 
 # Pixels that observations are judged on, whether they fit.
 _JUDGED = 5_000
@@ -179,7 +178,7 @@ def fit_model(
     if not even.n_repeated:
         raise NotApplicableError(
             "the light leaves no pixel that two views show",
-            remedy=f"use {typed_option('light')}=even",
+            remedy="use method.light=even",
         )
     fitted = fit_water(
         even, None if matched is None else light.light.removed(matched), **options
@@ -196,7 +195,7 @@ def light_of(model: Model, seen: Observed, near: LightFit | None = None) -> Ligh
     if not few.n_repeated:
         raise NotApplicableError(
             "no pixel that two views show tells of the light",
-            remedy=f"use {typed_option('light')}=even",
+            remedy="use method.light=even",
         )
     start = near.light.over(few.views) if near else None
     if start is None:

@@ -19,7 +19,6 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.solution import Solution, colours_for_water
 from sucre_bench.methods.sucre.uncertainty import WaterUncertainty
 from sucre_bench.multiview.observations import Observations, pooled
-from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.scene import Encoding, Scene, View
 
 if TYPE_CHECKING:
@@ -204,7 +203,7 @@ class Dive(Observed):
         if not targets:
             raise SolveError(
                 f"the scene's water cannot be fitted, {last}",
-                remedy=f"use {typed_option('water')}=FILE with a known one",
+                remedy="use method.water=FILE with a known one",
             )
         whole = _pooled(scene, [one.observations for one in targets])
         return Dive(options, scene, targets[0].view, whole, targets=targets)

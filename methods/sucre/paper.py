@@ -20,7 +20,6 @@ from sucre_bench.methods.sucre.passes import backend_for, opened
 from sucre_bench.methods.sucre.solution import Course, Solution
 from sucre_bench.methods.sucre.uncertainty import uncertainty_of
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import word_before
 
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
@@ -73,10 +72,10 @@ class SucrePaper(FillOption):
         check_source(self.start, START)
         if self.steps < 1 or not self.lr > 0:
             raise InputError(
-                f"{word_before('sucre_paper')}: steps is {self.steps}, lr {self.lr}; both must be positive"
+                f"method.steps is {self.steps}, method.lr {self.lr}; both must be positive"
             )
         if self.device == "cuda":
-            require(f"{word_before('sucre_paper')}.device=cuda", "torch")
+            require("method.device=cuda", "torch")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.

@@ -39,7 +39,6 @@ from sucre_bench.methods.sucre.model import (
     veil,
 )
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import typed_option
 
 Backend = Literal["auto", "numba", "torch", "jax"]
 
@@ -82,8 +81,8 @@ def backend_for(
     """
     if device == "cuda" and backend == "numba":
         raise InputError(
-            f"{typed_option('backend')}=numba computes on the CPU only",
-            remedy=f"use {typed_option('device')}=auto, or {typed_option('backend')}=torch",
+            "method.backend=numba computes on the CPU only",
+            remedy="use method.device=auto, or method.backend=torch",
         )
     if backend in ("auto", "numba") and device != "cuda":
         return "numba", "cpu"
@@ -95,7 +94,7 @@ def backend_for(
         has_gpu = torch.cuda.is_available()
     library: Literal["jax", "torch"] = "jax" if backend == "jax" else "torch"
     if device == "cuda" and not has_gpu:
-        device_option = typed_option("device")
+        device_option = "method.device"
         raise InputError(
             f"{library} sees no GPU", f"{device_option}=cuda", f"use {device_option}=auto"
         )

@@ -39,7 +39,7 @@ from sucre_bench.methods.sucre.uncertainty import (
     roughly_known,
 )
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import is_stored_in_full, typed_option
+from sucre_bench.plugins.call_method import is_stored_in_full
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # The share of an image's colours from which on a fault is reported.
@@ -180,7 +180,7 @@ def plain(value: Any) -> Any:
 def unknown_veil() -> str:
     """Return the limit of a water that does not determine the veil of most channels."""
     fault = "the veil of most channels is not determined, so it stays in the colours"
-    remedy = f"{typed_option('display')}=stretch-1-99 removes it from the picture"
+    remedy = "method.display=stretch-1-99 removes it from the picture"
     return f"{fault} as an offset of each channel; {remedy}"
 
 

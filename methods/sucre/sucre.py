@@ -18,7 +18,6 @@ from sucre_bench.methods.sucre.known_water import check_source
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend
-from sucre_bench.plugins.call_method import word_before
 
 if TYPE_CHECKING:
     from sucre_bench.multiview.observations import Observations
@@ -88,7 +87,7 @@ class Sucre(FillOption):
     """Where to compute: auto takes a GPU, when there is one, for torch and jax, else the CPU."""
 
     def __post_init__(self) -> None:
-        check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
+        check(self)
 
     @property
     def sees_whole_scene(self) -> bool:
@@ -214,31 +213,28 @@ class SucrePlus(Sucre):
     refine: bool = True
 
 
-def check(options: Any, method: str) -> None:
-    """Raise InputError for values that are no choice, and for options that do not go together; method: its name.
+def check(options: Any) -> None:
+    """Raise InputError for values that are no choice, and for options that do not go together.
 
     With another water than own there is nothing to weigh. physical may stay, with an effect for water=shared.
     """
-    method = word_before(method)
-    water = f"{method}.water={options.water}"
+    water = f"method.water={options.water}"
     check_source(options.water)
     for name in ("footprint", "physical", "robust"):
         value = getattr(options, name)
         if value != "auto" and not isinstance(value, bool):
             raise InputError(
-                f"{method}.{name}: '{value}' is not a choice; use true, false or auto"
+                f"method.{name}: '{value}' is not a choice; use true, false or auto"
             )
-    parts = parts_of(options.light, f"{method}.light")
+    parts = parts_of(options.light)
     found_with_own = ""
     if options.robust is True:
         found_with_own = "robust"
     elif parts not in (None, Parts()):
         found_with_own = "light"
     if options.water not in ("own", "shared") and found_with_own:
-        raise InputError(
-            f"{method}.{found_with_own}: is found with the water; leave out {water}"
-        )
+        raise InputError(f"method.{found_with_own}: is found with the water; leave out {water}")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"
-            require(f"{method}.{name}={value}", library)
+            require(f"method.{name}={value}", library)

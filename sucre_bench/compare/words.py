@@ -111,10 +111,11 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     value = number(cell.mean)
     if spread and not math.isnan(cell.std):
         value += f" ± {number(cell.std)}"
-    is_alone = all(other.place <= 1 for other in comparison.of(column).values())
-    if column.ranked and not comparison.baseline and not is_alone:  # else there is no best
+    behind = [other for other in comparison.of(column).values() if other.place > 1]
+    if column.ranked and not comparison.baseline and behind:  # else there is no best
         look = _PLACES.get(cell.place, "")
-        mark = "≈" if cell.tie else ""
+        # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
+        mark = "≈" if cell.tie and not all(other.tie for other in behind) else ""
     interval = f"[{number(cell.low)}, {number(cell.high)}]" if math.isfinite(cell.low) else ""
     return Shown(value, mark, interval, holes, look)
 

@@ -37,7 +37,6 @@ from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import (
     checked_restore,
     shown_with,
-    typed_before,
     with_truth,
 )
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
@@ -63,7 +62,7 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     job = planned.job
     try:
         at = f"the start of method '{job.method.label}'"
-        with step(at), typed_before(job.method.plugin.name):
+        with step(at):
             method = job.method.make()
             of_views = [metric for metric in job.metrics if not metric.plugin.is_of_pairs]
             metrics = scorers(of_views, log_path(job.out), job.view_timeout_s)

@@ -16,9 +16,6 @@ from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View,
 # The chosen display, whether all of a result is wanted, and whether a run calls the method.
 _WANTED: ContextVar[tuple[str, bool, bool]] = ContextVar("wanted", default=("", True, False))
 
-# What a user types before the options of the plugin at work; empty where nobody says it.
-_BEFORE: ContextVar[str] = ContextVar("before options", default="")
-
 
 @contextmanager
 def shown_with(display: str, *, in_full: bool = True, in_run: bool = False) -> Iterator[None]:
@@ -54,26 +51,6 @@ def display_of(method: Any) -> str:
     return _WANTED.get()[0] or str(method.__plugin__.display)
 
 
-@contextmanager
-def typed_before(word: str) -> Iterator[None]:
-    """Inside, `typed_option` puts this word before options: a method's name, say."""
-    token = _BEFORE.set(word)
-    try:
-        yield
-    finally:
-        _BEFORE.reset(token)
-
-
-def typed_option(name: str) -> str:
-    """Return an option of the method at work as its user types it, "sucre.robust" for "robust": for its messages."""
-    return f"{word_before('method')}.{name}"
-
-
-def word_before(otherwise: str) -> str:
-    """Return what a user types before the options of the plugin at work, or this word where nobody says it."""
-    return _BEFORE.get() or otherwise
-
-
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
     if not scene.water:
@@ -104,8 +81,7 @@ def checked_restore(method: Any, scene: Scene, view: View) -> Restoration:
         if converts
         else view
     )
-    with typed_before(method.__plugin__.name):
-        restoration = method.restore(scene, given)
+    restoration = method.restore(scene, given)
     if not isinstance(restoration, Restoration):
         raise PluginError(
             f"the method returned {type(restoration).__name__}; a method returns a Restoration"

@@ -25,7 +25,6 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.call_method import typed_before, word_before
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.registry import find, get, is_name
 
@@ -113,14 +112,14 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
 def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
     """Return the given values of a class's options as their types have them.
 
-    cls: of a plugin, or of a group of options of `sucre-bench run`; place: what the user types before the options, of a
-    plugin its name by default.
+    cls: of a plugin, or of a group of options of `sucre-bench run`; place: what the user types before the options of a
+    group.
     Raises InputError for an unknown option, a missing one, a value of another type, or a word that a Literal does not
     admit.
     """
     plugin: Plugin | None = getattr(cls, "__plugin__", None)
-    owner = plugin.name if plugin else place
-    place = place or owner
+    if plugin:
+        place = plugin.place
     known = {option.name: option for option in options_of(cls)}
     values = {}
     for name, value in given.items():
@@ -131,8 +130,8 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
     for option in known.values():
         if option.is_required and option.name not in values:
             example = "FOLDER" if option.name == "root" else "VALUE"
-            remedy = f"add {plugin.kind if plugin else place}.{option.name}={example}"
-            raise InputError("must be given", f"{owner}.{option.name}", remedy)
+            where = f"{place}.{option.name}"
+            raise InputError("must be given", where, f"add {where}={example}")
     return values
 
 
@@ -184,7 +183,7 @@ def typed(annotation: Any, value: Any) -> Any:
 def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
     """Raise InputError for the first option outside of its range: one line with its name, its value and the range.
 
-    options: a dataclass, of a plugin say; place: what stands before the option's name, default the plugin's name;
+    options: a dataclass, of a plugin say; place: what stands before the option's name, default that of a plugin;
     ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
     in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
     """
@@ -196,7 +195,7 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
         if not fits(value, types[option]) or not all(
             is_number_in(interval, number) for number in numbers
         ):
-            before = word_before(type(options).__plugin__.name) if place is None else place
+            before = type(options).__plugin__.place if place is None else place
             remedy = f"give {wording(types[option])} in {interval}"
             raise InputError(
                 shown_value(value), f"{before}.{option}" if before else option, remedy
@@ -262,8 +261,7 @@ class Choice:
         plugin = self.plugin
         require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
         seed = {} if self.seed is None else {"seed": self.seed}
-        with typed_before(plugin.name):
-            made = plugin.cls(**{**self.options, **seed})
+        made = plugin.cls(**{**self.options, **seed})
         for option, path in read_by_options(plugin, self.options):
             if isinstance(path, Plugin) or path.is_dir():
                 continue
@@ -272,7 +270,7 @@ class Choice:
             fault = fault_of(path)
             if fault and not may_come:
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-                remedy = f"give a path that exists in {plugin.name}.{option.name}{words}"
+                remedy = f"give a path that exists in {plugin.place}.{option.name}{words}"
                 raise InputError(fault, path, remedy)
         return made
 

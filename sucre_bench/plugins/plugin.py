@@ -181,6 +181,11 @@ class Plugin:
         return not self.cls.__module__.startswith("sucre_bench.")
 
     @property
+    def place(self) -> str:
+        """What stands before its options in the words of a command."""
+        return f"metrics.{self.name}" if self.kind == "metric" else self.kind
+
+    @property
     def is_of_pairs(self) -> bool:
         """Whether it is a metric that scores pairs of restored views, see `PairMetric`."""
         return "restored_views" in self.needs

@@ -8,7 +8,6 @@ from support.command_line import Done
 PLUGIN = '''
 from dataclasses import dataclass
 from sucre_bench import Restoration, method
-from sucre_bench.plugins.call_method import typed_option
 
 @method()
 @dataclass(frozen=True)
@@ -16,7 +15,7 @@ class Dim:
     """Darken a photograph."""
     gain: float = 0.5
     def restore(self, scene, view):
-        hints = [f"{view.rgb.mean():.3f} is dark; use {typed_option('gain')}=2"]
+        hints = [f"{view.rgb.mean():.3f} is dark; use method.gain=2"]
         if view.name == "view_000.png":
             hints.insert(0, "its edge is odd; use method=gray_world")
         return Restoration(view.rgb * self.gain, info={"hints": hints})
