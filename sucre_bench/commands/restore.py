@@ -120,6 +120,10 @@ def restore(
     click.echo(f"{told}; pictures.csv has a line for each picture")
     if done.together:
         trust = _of_water(done.together)
+        measured = [one.measured for one in done.together if "beta" in one.record]
+        if measured:
+            share = sum(measured) / len(done.together)
+            trust += f"; {share:.0%} of their pixels have a measured distance, and the others balanced colours"
     else:
         why = f", because {unplaced}" if unplaced else ""
         trust = f"Each is restored alone{why}: these are balanced colours, not true ones"
@@ -137,8 +141,7 @@ def _of_water(together: Sequence[Restored]) -> str:
     reasons = Counter(why_not_measured(one.record) for one in together)
     n_measured = reasons.pop("", 0)
     if not reasons:
-        share = sum(one.measured for one in together) / len(together)
-        return f"The water was measured, at {share:.0%} of their pixels"
+        return "The water was measured"
     (reason, _), *_ = reasons.most_common(1)
     pictures = f" of {counted(len(together) - n_measured, 'picture')}" if n_measured else ""
     return f"The water{pictures} was not measured: {reason}"
