@@ -141,8 +141,11 @@ def _faults(asked: Asked) -> Iterator[None]:
         yield
     except SucreBenchError as fault:
         option = re.split(r"[.=]", fault.place)[-1]
+        name = fault.fault.partition("'")[2].partition("'")[0]
         is_typed = any(
-            word.text == fault.place or option == word.key.rpartition(".")[2]
+            word.text == fault.place
+            or option == word.key.rpartition(".")[2]
+            or (name and name in word.text)
             for word in asked.typed
         )
         is_ours = is_typed or not asked.experiment
@@ -211,7 +214,7 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
             remedy = "sweep over datasets, methods and their options only, and name each once"
         else:
             fault = f"two jobs of this sweep would both be '{name}'"
-            remedy = "list each with a label in an experiment: {method: NAME, label: LABEL}"
+            remedy = "give each NAME.label=..., or in an experiment {method: NAME, label: LABEL}"
         raise InputError(fault, remedy=remedy)
 
 

@@ -90,8 +90,16 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
                 config or config_name(), [*overrides], mode
             )
             return made
-        except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as fault:
-            raise _explained(fault, overrides) from fault  # of words of odd types
+        except (
+            AssertionError,
+            AttributeError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as fault:
+            # of words of odd types, or a file with too many brackets
+            raise _explained(fault, overrides) from fault
 
 
 # What installs launchers and sweepers of others.
@@ -141,6 +149,7 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
         known = selected(composed(others, is_sweep=True), group)
         if known:
             return unknown_name(key, name, known)
+        return InputError(text, key, f"write +{key}=VALUE to add it")
     place = next((word for word in overrides if key and key in word), "")
     return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
 

@@ -66,13 +66,16 @@ def read(words: Sequence[str], multirun: bool) -> Asked:
     files = [word for word in words if _is_file(word)]
     for text in words:
         if "=" not in text and not text.startswith("~") and text not in files:
-            remedy = "write method=NAME or dataset=NAME; `sucre-bench run --help` shows more"
+            remedy = "write method=NAME, dataset=NAME or method.OPTION=VALUE, see run --help"
             raise InputError("an override reads key=value", text, remedy)
     lines = [f"experiment={FILE}" if word in files else word for word in words]
     _load_named(lines)
     typed = parse(lines, hydra_configs.loader())
     groups = [word for word in typed if _is_of_hydra(word)]
     rest = [word for word in typed if word not in groups]
+    for word in groups:
+        if None in word.values and (known := hydra_configs.names(word.key)):
+            raise InputError("is no choice", word.text, f"give one of {', '.join(known)}")
     experiments = [word for word in groups if word.key == "experiment"]
     experiment = ""
     for word in experiments:
