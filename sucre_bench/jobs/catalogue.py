@@ -46,7 +46,7 @@ def is_plugin(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
     if kind == "metric":
         name = name.partition(":")[0]
-    return (kind == "dataset" and is_path(name)) or plugins.is_name(kind, name)
+    return (kind == "dataset" and is_path(name)) or name in plugins.discover(kind, name)
 
 
 def plugin_values(kind: Kind, name: str) -> dict[str, Any]:
@@ -83,6 +83,9 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
         return plugin_values(kind, name)
     preset = hydra_configs.preset(GROUPS[kind], name)
     if preset is not None:
+        if kind in KINDS and "name" not in preset:
+            remedy = f"begin it with `defaults: [NAME]`, the {kind} that it is a preset of"
+            raise InputError(f"names no {kind}", f"{kind}/{name}.yaml", remedy)
         return preset
     if kind == "dataset" and name and Path(name).is_dir():
         fault = f"no dataset is called '{name}', but a folder is"
@@ -90,13 +93,18 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     raise plugins.unknown(kind, name, hydra_configs.names(GROUPS[kind]))
 
 
+def plugin_of(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of a name, or that a preset of this name is of. Raises as `configuration`."""
+    return plugins.find(kind, configuration(kind, name)["name"])
+
+
 def option_names(kind: Kind, name: str) -> list[str]:
     """Return the options of a method or dataset, those that the bench adds included; none for an unknown name."""
     try:
-        plugin = plugins.find(kind, str(configuration(kind, name).get("name")))
+        options = options_of(plugin_of(kind, name).cls)
     except SucreBenchError:
         return []
-    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]]
+    return [*(option.name for option in options), *_ADDED[kind]]
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
@@ -270,6 +278,5 @@ def configured_entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
     made = []
     for preset in preset_entries(GROUPS[kind]):
-        plugin = plugins.find(kind, configuration(kind, preset["name"])["name"])
-        made.append(entry(plugin) | preset)
+        made.append(entry(plugin_of(kind, preset["name"])) | preset)
     return made

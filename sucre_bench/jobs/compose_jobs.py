@@ -214,7 +214,9 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
             remedy = "sweep over datasets, methods and their options only, and name each once"
         else:
             fault = f"two jobs of this sweep would both be '{name}'"
-            remedy = "give each NAME.label=..., or in an experiment {method: NAME, label: LABEL}"
+            remedy = (
+                "give each NAME.label=..., or in an experiment {method: NAME, label: LABEL}"
+            )
         raise InputError(fault, remedy=remedy)
 
 

@@ -106,9 +106,7 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
 _INSTALLS = dict.fromkeys(
     ("slurm", "submitit_local", "submitit_slurm"), "pip install 'sucre-bench[slurm]'"
 )
-_INSTALLS |= {
-    name: f"pip install 'sucre-bench[{name}]'" for name in ("joblib", "optuna")
-}
+_INSTALLS |= {name: f"pip install 'sucre-bench[{name}]'" for name in ("joblib", "optuna")}
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from sucre_bench.arguments import fits
 from sucre_bench.errors import InputError, SucreBenchError
 from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.asked import Asked
-from sucre_bench.jobs.catalogue import KINDS, configuration
+from sucre_bench.jobs.catalogue import KINDS, plugin_of
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.word_syntax import Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
@@ -167,9 +167,7 @@ def _refuse(word: Word, asked: Asked) -> None:
         remedy = "list them, or write range(start,stop,step)"
         raise InputError("no list of values", word.text, remedy)
     if word.head == "dataset" and not any(one.key == "dataset" for one in asked.typed):
-        cls = plugins.find(
-            "dataset", configuration("dataset", asked.choice("dataset"))["name"]
-        ).cls
+        cls = plugin_of("dataset", asked.choice("dataset")).cls
         paths = [option.name for option in options_of(cls) if Path in option.kinds]
         if word.option in paths or not asked.experiment:
             remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"

@@ -25,7 +25,7 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.plugins.plugin import Kind, Plugin
-from sucre_bench.plugins.registry import find, get, is_name
+from sucre_bench.plugins.registry import discover, find, get
 
 
 @dataclass(frozen=True)
@@ -342,7 +342,7 @@ def read_by_options(
         ):
             name = value if isinstance(value, str) else ""
             method = get("method", name)
-            if method or not is_name("method", name):
+            if method or name not in discover("method", name):
                 yield option, method or expanded(value)
 
 

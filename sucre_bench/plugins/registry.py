@@ -120,11 +120,6 @@ def get(kind: Kind, name: str) -> Plugin | None:
     return plugin if isinstance(plugin, Plugin) else None
 
 
-def is_name(kind: Kind, name: str) -> bool:
-    """Whether a plugin of that kind, broken or not, has the name."""
-    return name in discover(kind, name)
-
-
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
     plugin = discover(kind, name).get(name)

@@ -70,9 +70,7 @@ def test_what_is_outside_its_range_is_refused_in_one_line_with_option_value_and_
     others = [] if type(None) in option.kinds else [None]
     others += [] if float in option.kinds else [2.0]
     for value in map(functools.partial(given, option), (*NONSENSE, *excluded, *others)):
-        said = (
-            rf"^method\.{option.name}: {re.escape(repr(value))}; give [^\n]*[\[(][^\n]*$"
-        )
+        said = rf"^method\.{option.name}: {re.escape(repr(value))}; give [^\n]*[\[(][^\n]*$"
         with pytest.raises(InputError, match=said):
             plugin.cls(**{option.name: value})
 
