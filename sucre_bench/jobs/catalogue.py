@@ -4,6 +4,7 @@ A folder stands for the dataset that recognises it by its files.
 """
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -90,6 +91,11 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     if kind == "dataset" and name and Path(name).is_dir():
         fault = f"no dataset is called '{name}', but a folder is"
         raise InputError(fault, remedy=f"write dataset=./{name}")
+    for made in [*vars(sys.modules["__main__"]).values()]:  # a class of a notebook's cell
+        plugin = getattr(made, "__plugin__", None)
+        if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
+            fault = f"'{name}' is a class of this session, and has no name outside it"
+            raise InputError(fault, remedy=f"pass an object: {plugin.cls.__name__}(...)")
     raise plugins.unknown(kind, name, hydra_configs.names(GROUPS[kind]))
 
 
@@ -113,7 +119,7 @@ def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     known = option_names("method", name)
     for option in options:
         if option not in known:
-            raise unknown_name(f"{name}.{option}", option, known)
+            raise unknown_name(f"method.{option}", option, known)
     kept = ("name", "display") if is_plugin("method", name) else values
     given = {option: values[option] for option in kept if values[option] not in (SEED, "???")}
     return plugin_choice("method", {**given, **options})
