@@ -72,7 +72,8 @@ def checked_fields(cls: type[T]) -> type[T]:
 def check_argument(place: str, value: Any, hint: Any) -> None:
     """Raise InputError unless a value fits a type, see `fits`. place: as the user typed it."""
     if not fits(value, hint):
-        raise InputError(f"is {shown_value(value)}", place, f"pass {wording(hint)}")
+        below = " below 2^63" if isinstance(value, int) and abs(value) >= 2**63 else ""
+        raise InputError(f"is {shown_value(value)}", place, f"pass {wording(hint)}{below}")
 
 
 def fits(value: object, hint: Any) -> bool:

@@ -270,7 +270,11 @@ def check(command: Command) -> list[Planned]:
     baseline = study.baseline if study else jobs[0].baseline
     known = {job.method.label for job in jobs}
     # one that is a method, but not of this sweep, is left out
-    if baseline and baseline not in known and not plugins.is_name("method", baseline):
+    if (
+        baseline
+        and baseline not in known
+        and baseline not in plugins.discover("method", baseline)
+    ):
         hint = did_you_mean(baseline, known | plugins.discover("method").keys())
         problems.append(f"baseline: no method is called '{baseline}'; {hint}")
     rows = results.frame([])

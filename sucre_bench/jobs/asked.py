@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.catalogue import (
@@ -17,6 +16,7 @@ from sucre_bench.jobs.catalogue import (
     configuration,
     is_path,
     option_names,
+    plugin_of,
     recognised,
 )
 from sucre_bench.jobs.run_options import RunConfig
@@ -186,7 +186,7 @@ class Asked:
         for option, value in values.items():
             if value == "???" and option not in given:
                 return f"{entry.name}.{option}"
-        lacking = absent(*plugins.find(entry.kind, values["name"]).requires)
+        lacking = absent(*plugin_of(entry.kind, entry.name).requires)
         return lacking.install if lacking else ""
 
     def kind_of(self, word: Word) -> Kind | None:

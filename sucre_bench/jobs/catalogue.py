@@ -4,6 +4,7 @@ A folder stands for the dataset that recognises it by its files.
 """
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -46,7 +47,7 @@ def is_plugin(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
     if kind == "metric":
         name = name.partition(":")[0]
-    return (kind == "dataset" and is_path(name)) or plugins.is_name(kind, name)
+    return (kind == "dataset" and is_path(name)) or name in plugins.discover(kind, name)
 
 
 def plugin_values(kind: Kind, name: str) -> dict[str, Any]:
@@ -83,20 +84,33 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
         return plugin_values(kind, name)
     preset = hydra_configs.preset(GROUPS[kind], name)
     if preset is not None:
+        if kind in KINDS and "name" not in preset:
+            remedy = f"begin it with `defaults: [NAME]`, the {kind} that it is a preset of"
+            raise InputError(f"names no {kind}", f"{kind}/{name}.yaml", remedy)
         return preset
     if kind == "dataset" and name and Path(name).is_dir():
         fault = f"no dataset is called '{name}', but a folder is"
         raise InputError(fault, remedy=f"write dataset=./{name}")
+    for made in [*vars(sys.modules["__main__"]).values()]:  # a class of a notebook's cell
+        plugin = getattr(made, "__plugin__", None)
+        if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
+            fault = f"'{name}' is a class of this session, and has no name outside it"
+            raise InputError(fault, remedy=f"pass an object: {plugin.cls.__name__}(...)")
     raise plugins.unknown(kind, name, hydra_configs.names(GROUPS[kind]))
+
+
+def plugin_of(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of a name, or that a preset of this name is of. Raises as `configuration`."""
+    return plugins.find(kind, configuration(kind, name)["name"])
 
 
 def option_names(kind: Kind, name: str) -> list[str]:
     """Return the options of a method or dataset, those that the bench adds included; none for an unknown name."""
     try:
-        plugin = plugins.find(kind, str(configuration(kind, name).get("name")))
+        options = options_of(plugin_of(kind, name).cls)
     except SucreBenchError:
         return []
-    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]]
+    return [*(option.name for option in options), *_ADDED[kind]]
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
@@ -105,7 +119,7 @@ def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     known = option_names("method", name)
     for option in options:
         if option not in known:
-            raise unknown_name(f"{name}.{option}", option, known)
+            raise unknown_name(f"method.{option}", option, known)
     kept = ("name", "display") if is_plugin("method", name) else values
     given = {option: values[option] for option in kept if values[option] not in (SEED, "???")}
     return plugin_choice("method", {**given, **options})
@@ -270,6 +284,5 @@ def configured_entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
     made = []
     for preset in preset_entries(GROUPS[kind]):
-        plugin = plugins.find(kind, configuration(kind, preset["name"])["name"])
-        made.append(entry(plugin) | preset)
+        made.append(entry(plugin_of(kind, preset["name"])) | preset)
     return made

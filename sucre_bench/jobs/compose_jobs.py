@@ -141,8 +141,11 @@ def _faults(asked: Asked) -> Iterator[None]:
         yield
     except SucreBenchError as fault:
         option = re.split(r"[.=]", fault.place)[-1]
+        name = fault.fault.partition("'")[2].partition("'")[0]
         is_typed = any(
-            word.text == fault.place or option == word.key.rpartition(".")[2]
+            word.text == fault.place
+            or option == word.key.rpartition(".")[2]
+            or (name and name in word.text)
             for word in asked.typed
         )
         is_ours = is_typed or not asked.experiment
@@ -199,17 +202,22 @@ def _part(job: Job) -> tuple[int, int, int]:
 
 def _refuse_same_place(planned: Sequence[Job]) -> None:
     """Raise InputError if two jobs would write to one place."""
-    seen = set[tuple[object, ...]]()
+    seen: dict[tuple[object, ...], Job] = {}
     for job in planned:
         place = (as_one_file(job.dataset.label), as_one_file(job.method.label), *_part(job))
-        if place in seen:
-            name = f"{job.dataset.label} / {job.method.label}"
+        other = seen.setdefault(place, job)
+        if other is job:
+            continue
+        name = f"{job.dataset.label} / {job.method.label}"
+        if (other.dataset, other.method) == (job.dataset, job.method):
+            fault = f"two jobs of this sweep are the same, '{name}'"
+            remedy = "sweep over datasets, methods and their options only, and name each once"
+        else:
             fault = f"two jobs of this sweep would both be '{name}'"
             remedy = (
-                "give each a label, NAME.label=..., and sweep only over what labels may name"
+                "give each NAME.label=..., or in an experiment {method: NAME, label: LABEL}"
             )
-            raise InputError(fault, remedy=remedy)
-        seen.add(place)
+        raise InputError(fault, remedy=remedy)
 
 
 # -- the values of a configuration -----------------------------------------------------------------------------

@@ -90,8 +90,23 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
                 config or config_name(), [*overrides], mode
             )
             return made
-        except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as fault:
-            raise _explained(fault, overrides) from fault  # of words of odd types
+        except (
+            AssertionError,
+            AttributeError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as fault:
+            # of words of odd types, or a file with too many brackets
+            raise _explained(fault, overrides) from fault
+
+
+# What installs launchers and sweepers of others.
+_INSTALLS = dict.fromkeys(
+    ("slurm", "submitit_local", "submitit_slurm"), "pip install 'sucre-bench[slurm]'"
+)
+_INSTALLS |= {name: f"pip install 'sucre-bench[{name}]'" for name in ("joblib", "optuna")}
 
 
 @contextmanager
@@ -102,9 +117,11 @@ def faults_of_hydra(overrides: Sequence[str]) -> Iterator[None]:
 
     try:
         yield
-    except yaml.MarkedYAMLError as fault:
-        line = f"line {fault.problem_mark.line + 1}: " if fault.problem_mark else ""
-        raise InputError(f"{line}is no plain YAML, {fault.problem}", "", "mend it") from fault
+    except yaml.YAMLError as fault:
+        mark = getattr(fault, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(fault, "problem", None) or first_line(fault)
+        raise InputError(f"{line}is no plain YAML, {problem}", "", "mend it") from fault
     except HydraException as fault:
         raise _explained(fault, overrides) from fault
 
@@ -118,7 +135,7 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
         options = fault.options or names(group)
         remedy = did_you_mean(name.partition(":")[0], options)
         if group.startswith("hydra"):
-            remedy += "; or install the package that has it"
+            remedy = _INSTALLS.get(name) or f"{remedy}; or install the package that has it"
         kind = group.removesuffix("s") or "configuration"
         return InputError(f"no {kind} is called '{name}'", remedy=remedy)
     is_vague = not str(fault) or str(fault).startswith("Error merging override")
@@ -130,6 +147,7 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
         known = selected(composed(others, is_sweep=True), group)
         if known:
             return unknown_name(key, name, known)
+        return InputError(text, key, f"write +{key}=VALUE to add it")
     place = next((word for word in overrides if key and key in word), "")
     return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
 

@@ -16,7 +16,7 @@ from sucre_bench.arguments import fits
 from sucre_bench.errors import InputError, SucreBenchError
 from sucre_bench.jobs import hydra_configs
 from sucre_bench.jobs.asked import Asked
-from sucre_bench.jobs.catalogue import KINDS, configuration
+from sucre_bench.jobs.catalogue import KINDS, plugin_of
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.word_syntax import Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
@@ -66,13 +66,16 @@ def read(words: Sequence[str], multirun: bool) -> Asked:
     files = [word for word in words if _is_file(word)]
     for text in words:
         if "=" not in text and not text.startswith("~") and text not in files:
-            remedy = "write method=NAME or dataset=NAME; `sucre-bench run --help` shows more"
+            remedy = "write method=NAME, dataset=NAME or method.OPTION=VALUE, see run --help"
             raise InputError("an override reads key=value", text, remedy)
     lines = [f"experiment={FILE}" if word in files else word for word in words]
     _load_named(lines)
     typed = parse(lines, hydra_configs.loader())
     groups = [word for word in typed if _is_of_hydra(word)]
     rest = [word for word in typed if word not in groups]
+    for word in groups:
+        if None in word.values and (known := hydra_configs.names(word.key)):
+            raise InputError("is no choice", word.text, f"give one of {', '.join(known)}")
     experiments = [word for word in groups if word.key == "experiment"]
     experiment = ""
     for word in experiments:
@@ -164,9 +167,7 @@ def _refuse(word: Word, asked: Asked) -> None:
         remedy = "list them, or write range(start,stop,step)"
         raise InputError("no list of values", word.text, remedy)
     if word.head == "dataset" and not any(one.key == "dataset" for one in asked.typed):
-        cls = plugins.find(
-            "dataset", configuration("dataset", asked.choice("dataset"))["name"]
-        ).cls
+        cls = plugin_of("dataset", asked.choice("dataset")).cls
         paths = [option.name for option in options_of(cls) if Path in option.kinds]
         if word.option in paths or not asked.experiment:
             remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"

@@ -98,7 +98,7 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
                 values = [parser.parse_override(f"{key}={one}").value() for one in each]
         except HydraException as fault:
-            value = quoted(typed)
+            value = quoted(typed.strip("'\""))
             if typed.startswith("["):
                 value = value_of([name.strip() for name in typed[1:].rstrip("]").split(",")])
             remedy = f"write {shell([f'{key}={value}'])}"

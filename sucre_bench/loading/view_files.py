@@ -353,7 +353,7 @@ class ImageScaleOption:
             if (value := getattr(self, option)) is not None or getattr(
                 type(self), option
             ) is not None:
-                check_number(f"{type(self).__plugin__.name}.{option}", value, interval)
+                check_number(f"{type(self).__plugin__.place}.{option}", value, interval)
 
 
 # -- pixels that the processes of a run share ---------------------------------------------------------------

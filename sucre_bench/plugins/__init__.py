@@ -32,7 +32,6 @@ from sucre_bench.plugins.registry import (
     find as find,
     get as get,
     is_loaded as is_loaded,
-    is_name as is_name,
     load_file as load_file,
     unknown as unknown,
     usable as usable,

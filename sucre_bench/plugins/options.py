@@ -24,9 +24,8 @@ from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_val
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
-from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.plugin import Kind, Plugin
-from sucre_bench.plugins.registry import find, get, is_name
+from sucre_bench.plugins.registry import discover, find, get
 
 
 @dataclass(frozen=True)
@@ -165,12 +164,13 @@ def typed(annotation: Any, value: Any) -> Any:
         is_float = float in kinds and int not in kinds
         return float(value) if is_float and type(value) is int else value
     if isinstance(value, str):
-        import yaml
-
+        for kind in (int, float):
+            with contextlib.suppress(ValueError):
+                if kind in kinds:
+                    return kind(value)
         # None is the word of Python, which messages have
-        with contextlib.suppress(yaml.YAMLError):
-            value = read_yaml("null" if value == "None" else value)
-    elif isinstance(value, (int, float)):
+        return {"true": True, "false": False, "none": None}.get(value.lower(), value)
+    if isinstance(value, (int, float)):
         # as it was typed: a file may be called true, and "nan" may be a word of a Literal
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if Path in kinds:
@@ -342,7 +342,7 @@ def read_by_options(
         ):
             name = value if isinstance(value, str) else ""
             method = get("method", name)
-            if method or not is_name("method", name):
+            if method or name not in discover("method", name):
                 yield option, method or expanded(value)
 
 

@@ -9,6 +9,7 @@ import importlib.metadata
 import importlib.util
 import inspect
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
@@ -97,7 +98,7 @@ def is_loaded(path: str | Path) -> bool:
 def discover(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
     """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`.
 
-    name: the plugin of this name is wanted. Files of this package without it are not imported, which is quicker.
+    name: the plugin of this name is wanted. Files of this package that cannot define it are not imported: quicker.
     """
     known = _current.get().known
     key = kind, "" if (kind, "") in known else name
@@ -119,11 +120,6 @@ def get(kind: Kind, name: str) -> Plugin | None:
     return plugin if isinstance(plugin, Plugin) else None
 
 
-def is_name(kind: Kind, name: str) -> bool:
-    """Whether a plugin of that kind, broken or not, has the name."""
-    return name in discover(kind, name)
-
-
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
     plugin = discover(kind, name).get(name)
@@ -140,8 +136,8 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     package = importlib.import_module(f"sucre_bench.{kind}s")
     entries = list[Plugin | Broken]()
     for info in pkgutil.iter_modules(package.__path__):
-        has_name = _has_text(Path(package.__path__[0]) / info.name, name.replace("_", ""))
-        if has_name and not info.name.startswith("_"):
+        may_have = _may_define(Path(package.__path__[0]) / info.name, name)
+        if may_have and not info.name.startswith("_"):
             load = functools.partial(importlib.import_module, f"{package.__name__}.{info.name}")
             entries += _imported(info.name, load)
     for point in _entry_points(tuple(sys.path)):
@@ -162,11 +158,16 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     return dict(sorted(found.items()))
 
 
-def _has_text(module: Path, text: str) -> bool:
-    """Whether a file or folder has a text: `text` without underscores, as a class has its name."""
-    files = module.rglob("*.py") if module.is_dir() else [module.with_suffix(".py")]
-    texts = (file.read_text(encoding="utf-8").replace("_", "").lower() for file in files)
-    return any(text in one for one in texts)
+def _may_define(module: Path, name: str) -> bool:
+    """Whether a file or folder may define a plugin: by a class that is called so, or by the name in quotes."""
+    if name in ("", module.name):
+        return True
+    file = module.with_suffix(".py")
+    # a folder of that name may be left of an older version
+    files = [file] if file.is_file() else module.rglob("*.py")
+    cls = name.replace("_", "")
+    sign = re.compile(rf"class {re.escape(cls)}\b|[\"']{re.escape(name)}[\"']", re.IGNORECASE)
+    return any(sign.search(file.read_text(encoding="utf-8")) for file in files)
 
 
 @functools.cache

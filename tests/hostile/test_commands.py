@@ -82,7 +82,7 @@ CASES: dict[str, tuple[str, str]] = {
         r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$",
     ),
     "a pipe as plugin": ("run --plugin pipe.py method=x", r"pipe\.py: .*; "),
-    "a deep experiment": ("run deep.yaml", r"deep\.yaml: cannot be read, .*depth.*; "),
+    "a deep experiment": ("run deep.yaml", r"deep\.yaml: .*YAML.*depth.*; "),
     "a long path to run": (
         f"run dataset=colmap dataset.root={LONG} method=gray_world",
         LONG,

@@ -328,7 +328,7 @@ def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str
 def test_a_folder_with_the_name_of_a_dataset_is_given_as_a_path(bench, tmp_path: Path):
     """`photos` is both."""
     write_image(tmp_path / "photos" / "a.png", picture(1))
-    assert "photos.root" in bench("run", "dataset=photos", "method=gray_world").stderr
+    assert "dataset.root" in bench("run", "dataset=photos", "method=gray_world").stderr
     assert bench("run", "dataset=./photos", "method=gray_world", "--cfg").returncode == 0
 
 

@@ -163,7 +163,7 @@ def test_a_default_of_another_type_is_refused_where_the_plugin_is_chosen(tmp_pat
         path.read_text().replace("    def restore", "    count: int = None\n    def restore")
     )
     load_file(path)
-    with refused("odd.count", "None", "whole"):
+    with refused("method.count", "None", "whole"):
         jobs(["dataset=demo", "method=odd"], multirun=False)
 
 
