@@ -80,7 +80,7 @@ CASES = {
     ),
     "restorations of another size": Case(
         PRECOMPUTED,
-        r"or give (precomputed\.resize=true)",
+        r"or give (method\.resize=true)",
         (f"{PRECOMPUTED} {{1}}",),
         small_restorations,
         1,
