@@ -135,13 +135,9 @@ class PluginError(SucreBenchError):
     """
 
 
-class StopRequest(BaseException):
-    """A request to stop all work, like Ctrl-C. It is no fault of a plugin."""
-
-
 def raise_if_stop(fault: BaseException) -> None:
-    """Raise an exception again if it asks for the end of the work: Ctrl-C, or a warning of the queue."""
-    if isinstance(fault, (KeyboardInterrupt, StopRequest)):
+    """Raise an exception again if it asks for the end of the work, as Ctrl-C does."""
+    if isinstance(fault, KeyboardInterrupt):
         raise fault
 
 

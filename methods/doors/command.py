@@ -128,28 +128,28 @@ class Command(RestoredElsewhere):
         if not words or (not self._environment and shutil.which(words[0]) is None):
             what = f"'{words[0]}' is not found or not executable" if words else "is empty"
             raise InputError(
-                f"command.run: {what}; give a program that is installed, or its path"
+                f"method.run: {what}; give a program that is installed, or its path"
             )
-        used = placeholders(self.run, _PER_VIEW, "command.run")
+        used = placeholders(self.run, _PER_VIEW, "method.run")
         if self.per == "scene" and used - set(_PER_SCENE):
             raise InputError(
-                f"command.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with command.per=view"
+                f"method.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with method.per=view"
             )
         if "output" not in used:
             raise InputError(
-                "command.run: without {output}; put it where the program is told what to write"
+                "method.run: without {output}; put it where the program is told what to write"
             )
-        check_pattern(self.pattern, "command.pattern")
+        check_pattern(self.pattern, "method.pattern")
         if self.output_suffix not in SUFFIXES:
             raise InputError(
-                f"command.output_suffix: '{self.output_suffix}' is not one of {', '.join(SUFFIXES)}"
+                f"method.output_suffix: '{self.output_suffix}' is not one of {', '.join(SUFFIXES)}"
             )
         if self.bits not in (8, 16):
-            raise InputError(f"command.bits: {self.bits} is neither 8 nor 16")
+            raise InputError(f"method.bits: {self.bits} is neither 8 nor 16")
         check_ranges(self, timeout="(0, inf)")
         if self.rests_on is not None and not self.rests_on.exists():
             raise MissingFileError(
-                "no such file or folder", self.rests_on, "mend command.rests_on"
+                "no such file or folder", self.rests_on, "mend method.rests_on"
             )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -191,13 +191,13 @@ class Command(RestoredElsewhere):
             ]
         except ValueError as fault:
             raise InputError(
-                f"command.run: {fault}; close what was opened, or write \\' for the character"
+                f"method.run: {fault}; close what was opened, or write \\' for the character"
             ) from fault
 
     @property
     def _planes(self) -> frozenset[str]:
         """Which of input, depth and distance the program asks for."""
-        return placeholders(self.run, _PER_VIEW, "command.run") & {"input", "depth", "distance"}
+        return placeholders(self.run, _PER_VIEW, "method.run") & {"input", "depth", "distance"}
 
     def _lack(self, view: View) -> str:
         """What the command asks for and a view has not."""
@@ -210,7 +210,7 @@ class Command(RestoredElsewhere):
         named = (
             (before, word)
             for before, word in pairwise(("", *self._words))
-            if "name" in placeholders(word, _PER_VIEW, "command.run")
+            if "name" in placeholders(word, _PER_VIEW, "method.run")
         )
         codes = (
             word
@@ -296,7 +296,7 @@ class Command(RestoredElsewhere):
             if (farthest := metres.max(initial=0)) > _FARTHEST_PNG_M:
                 fault = f"depth up to {farthest:.1f} m does not fit into 16-bit millimetres"
                 raise InputError(
-                    f"{view.name}: {fault}; give command.depth_format=npy or command.depth_format=tif"
+                    f"{view.name}: {fault}; give method.depth_format=npy or method.depth_format=tif"
                 )
             write_png(path, (metres * 1000 + 0.5).astype(np.uint16))
             return path

@@ -431,15 +431,15 @@ class Precomputed(RestoredElsewhere):
     rendering.json, which says what training did not see: see docs/doors.md. none: there are no such pictures."""
 
     def __post_init__(self) -> None:
-        check_pattern(self.pattern, "precomputed.pattern")
+        check_pattern(self.pattern, "method.pattern")
         check_folder(self.folder, "give the folder that holds the restored images")
         if self.with_water:
             check_folder(self.with_water, "give the folder that holds the pictures with water")
             if self.with_water.resolve() == self.folder.resolve():
                 remedy = "give pictures with water in with_water, and those without in folder"
                 raise InputError(
-                    "is precomputed.folder as well",
-                    f"precomputed.with_water={self.with_water}",
+                    "is method.folder as well",
+                    f"method.with_water={self.with_water}",
                     remedy,
                 )
             read_rendering(self.with_water)

@@ -205,16 +205,14 @@ class Environment:
         """Read TOOL:NAME or TOOL:NAME@sha256:DIGEST. InputError for another form, and for an image without digest."""
         found = re.fullmatch(r"(uv|conda|docker):(?=.)(.*?)@?(sha256:[0-9a-f]{64})?", text)
         if not found or not (found[2] or found[1] == "docker"):
-            raise InputError("is no environment", f"command.env={text}", f"give {_FORMS}")
+            raise InputError("is no environment", f"method.env={text}", f"give {_FORMS}")
         tool, name, digest = found.groups("")
         if tool == "docker" and not digest:
             image = name.partition("@")[0]  # without a digest that is too short
             show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {image}"
             bare = re.sub(r":[^/]*$", "", image)  # without a tag; a registry may have a port
             remedy = f"give docker:{bare}@sha256:..., or docker:sha256:... if it was built here; see `{show}`"
-            raise InputError(
-                "an image without digest may change", f"command.env={text}", remedy
-            )
+            raise InputError("an image without digest may change", f"method.env={text}", remedy)
         return cls(tool, str(expanded(name)) if tool != "docker" else name, digest)
 
     def __str__(self) -> str:
@@ -233,7 +231,7 @@ class Environment:
             raise MissingFileError(
                 "no such file",
                 self.name,
-                "give uv:FILE, a file of requirements, in command.env",
+                "give uv:FILE, a file of requirements, in method.env",
             )
         if self.digest and (found := self._found_digest) and found != self.digest:
             remedy = (
@@ -321,7 +319,7 @@ class Environment:
 
     @property
     def _place(self) -> str:
-        return f"command.env={self.tool}:{self.name or self.digest}"
+        return f"method.env={self.tool}:{self.name or self.digest}"
 
     @property
     def _image(self) -> str:

@@ -64,7 +64,7 @@ class OnnxNetwork:
             restored = np.asarray(self.session.run([self.output], feed)[0])
         except Exception as fault:  # onnxruntime's errors have no common base but this
             raise InputError(
-                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give onnx.multiple or onnx.size"
+                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give method.multiple or method.size"
             ) from fault
         returned = restored.shape
         if restored.ndim == 4 and returned[0] == 1:
@@ -73,12 +73,12 @@ class OnnxNetwork:
             restored = restored.transpose(1, 2, 0)
         if restored.ndim != 3 or restored.shape[2] != 3:
             raise InputError(
-                f"{self.path}: output '{self.output}' is {returned}, no picture; give another onnx.output"
+                f"{self.path}: output '{self.output}' is {returned}, no picture; give another method.output"
             )
         if restored.shape[0] * width != restored.shape[1] * height:
             raise InputError(
                 f"{self.path}: makes {restored.shape[0]}x{restored.shape[1]} of {height}x{width} pixels, other "
-                "proportions; give onnx.multiple, or a model that keeps them"
+                "proportions; give method.multiple, or a model that keeps them"
             )
         return restored.astype(np.float32)
 
@@ -89,7 +89,7 @@ def model_file(path: Path) -> Path:
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
         raise InputError(
-            f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model"
+            f"{path}: is a folder, of .onnx files it holds {names}; give the file in method.model"
         )
     check_file(found[0], "model")
     return found[0]
@@ -137,7 +137,7 @@ def _opened(
     if device == "cuda" and session.get_providers()[0] != _CUDA:
         # not there, or it did not start
         raise InputError(
-            "onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
+            "method.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
         )
     given, *others = session.get_inputs()
     if others:
@@ -152,7 +152,7 @@ def _opened(
         raise InputError(f"{path}: has no output '{output}'; {did_you_mean(output, outputs)}")
     if not output and len(outputs) > 1:
         raise InputError(
-            f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}"
+            f"{path}: has outputs {', '.join(outputs)}; choose with method.output={outputs[0]}"
         )
     channels_first, fixed = _read_shape(path, given.shape, layout)
     where = "cuda" if session.get_providers()[0] == _CUDA else "cpu"
@@ -181,7 +181,7 @@ def _read_shape(
         chosen = "nhwc"
     if not chosen and len(places) == 2:
         raise InputError(
-            f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc"
+            f"{path}: does not say where its channels are; give method.layout=nchw or method.layout=nhwc"
         )
     if chosen not in places:
         raise InputError(
@@ -284,7 +284,7 @@ class Onnx:
         if network.fixed and self.size and network.fixed != (self.size, self.size):
             fixed = f"{network.fixed[0]}x{network.fixed[1]}"
             raise InputError(
-                f"{self.model}: works at {fixed} only; leave out onnx.size={self.size}"
+                f"{self.model}: works at {fixed} only; leave out method.size={self.size}"
             )
         return network
 

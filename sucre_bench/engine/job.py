@@ -18,7 +18,6 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.errors import (
-    DiskFullError,
     InputError,
     NotApplicableError,
     OutputError,
@@ -57,7 +56,7 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     """Restore and score views of a job, as places in `planned.todo`, which `take` gives until none is left.
 
     Sends "ready" whenever it takes some, or "unfit" and a row if the method cannot be made; then "rows", a view's place
-    and its rows. Raises DiskFullError.
+    and its rows. Raises OutputError.
     """
     job = planned.job
     try:
@@ -154,7 +153,8 @@ def _restored_and_scored(
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
             return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
-        if isinstance(fault, DiskFullError):
+        if isinstance(fault, OutputError):
+            # a row would stand for the stored restoration, which could not be replaced
             raise
         return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
 
@@ -218,7 +218,7 @@ class _SceneColours:
                 image = _stored_or_restored(
                     job, method, task, job.overwrite == "always", True
                 ).restoration.image
-            except DiskFullError:
+            except OutputError:
                 raise
             except BaseException as fault:
                 raise_if_stop(fault)

@@ -44,7 +44,8 @@ def run_jobs(planned: Iterable[Planned], n_workers: int) -> None:
     """Restore and score the views of all jobs, n_workers at a time; 0: in this process.
 
     A free worker takes the next job. When all have begun, it helps the job with the most views left.
-    Raises OutputError if rows cannot be written, and DiskFullError.
+    A job whose restorations cannot be written is a line, and the others go on. Raises OutputError if rows cannot be
+    written, and DiskFullError.
     """
     jobs = [_Job(plan) for plan in planned if plan.todo]
     n_views = sum(len(job.planned.todo) for job in jobs)
@@ -140,6 +141,8 @@ class _Job:
         self.begin()
         try:
             serve(self.planned, self.note, self.take)
+        except OutputError as fault:
+            self.give_up(fault)
         finally:
             self.end()
 
@@ -168,6 +171,14 @@ class _Job:
         """Give a view a row with the reason."""
         base = self.planned.todo[place].base
         self.keep([row_of_fault(base, fault, log_path(self.planned.job.out), is_said=True)])
+
+    def give_up(self, fault: OutputError) -> None:
+        """Leave the views that are left: their restorations cannot be written. Raises DiskFullError."""
+        if isinstance(fault, DiskFullError):
+            # no other job could write either
+            raise fault
+        progress.say(f"failed  {self.planned.name}: {fault}", is_fault=True)
+        self.left.clear()
 
     def keep(self, rows: Sequence[Row]) -> None:
         """Keep the rows of a view."""
@@ -208,16 +219,21 @@ class _Worker:
         if not self.process.has_ended:
             return True
         self.job.ready.discard(self)
-        if self.process.fault:
-            self._blame(self.process.fault)
+        fault = self.process.fault
+        if isinstance(fault, OutputError):
+            self.job.give_up(fault)
+            return False
+        if isinstance(fault, Exception):
+            self._blame(fault)
+        elif fault:
+            # SIGTERM for all processes of a job of SLURM, say
+            raise fault
         if self._places:
             self.job.left.appendleft(self._places)
         return False
 
     def _blame(self, fault: Exception) -> None:
         """Let later workers leave out the step at which it ended; if it did leave that out, its view fails."""
-        if isinstance(fault, OutputError):
-            raise fault
         step = self.process.step
         if step not in self.process.faults:
             self.job.faults[step] = fault
@@ -249,7 +265,7 @@ def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
                 workers.append(_Worker(next_job))
             if not workers:
                 return
-            wait([worker.process.messages for worker in workers], _TICK_S)
+            wait([source for worker in workers for source in worker.process.sources], _TICK_S)
             workers = [worker for worker in workers if worker.go_on()]
             served = {worker.job for worker in workers}
             for job in jobs:
@@ -262,7 +278,9 @@ def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
         for worker in workers:
             worker.process.ask_to_stop()
         for end in (*(worker.end for worker in workers), *(job.end for job in jobs)):
-            with suppress(SucreBenchError):
+            with suppress(
+                SucreBenchError, KeyboardInterrupt
+            ):  # Ctrl-C again: without more waiting
                 end()
 
 

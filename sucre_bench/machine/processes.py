@@ -10,7 +10,9 @@ import ctypes
 import io
 import os
 import signal
+import socket
 import stat
+import struct
 import sys
 import threading
 import time
@@ -109,6 +111,11 @@ def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None
     return lambda: prctl(_DIE_WITH_PARENT, number)
 
 
+_MOST_WAIT = struct.pack("@ll", 2, 0)  # for the rest of a message: seconds and microseconds
+
+# This process's ends of the pipes to its children.
+_our_ends = set[Connection]()
+
 # In a forked process: what sends a message to its parent, and the faults of steps that it must leave out.
 _send: Send | None = None
 _faults: Mapping[str, Exception] = {}
@@ -160,14 +167,17 @@ class Forked:
         self.has_ended = False
         self.result: Any = None
         """What `work` returned."""
-        self.fault: Exception | None = None
+        self.fault: BaseException | None = None
         """What `work` raised, or how it died or was late."""
         self._late_at = self._limit_s = inf
         self._is_asked = False
         self._lines: set[str] = set()  # of progress that are not finished
         self.messages, theirs = Pipe()
+        _our_ends.add(self.messages)
         self._printed, printing = os.pipe()
         os.set_blocking(self._printed, False)
+        self.sources: list[Any] = [self.messages, self._printed]
+        """What `multiprocessing.connection.wait` waits for."""
         given = (work, self.faults, theirs, printing)
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
@@ -176,6 +186,9 @@ class Forked:
             self._process.start()
         theirs.close()
         os.close(printing)
+        # text that a plugin has written into the pipe must not hold this process, as half a message would
+        with socket.fromfd(self.messages.fileno(), socket.AF_UNIX, socket.SOCK_STREAM) as pipe:
+            pipe.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _MOST_WAIT)
 
     def give(self, value: object) -> None:
         """Give the child what it waits for with `take()`."""
@@ -186,8 +199,8 @@ class Forked:
         """Take the messages that are there, and end a child that is late; return those of the work's own."""
         own = self._received()
         if not self.has_ended and time.monotonic() > self._late_at:
-            own += self.stop()
             limit = f"view_timeout_s={self._limit_s:g}"
+            own += self.stop()
             self.fault = PluginError(
                 f"took longer than {limit}; give it more time, or smaller images"
             )
@@ -197,9 +210,7 @@ class Forked:
         # whatever it has started may hold its end of the pipe open
         is_dead = self._process.exitcode is not None
         own = list[tuple[Any, ...]]()
-        with suppress(BlockingIOError):
-            while printed := os.read(self._printed, 1 << 16):
-                sys.stderr.write(printed.decode("utf-8", "replace"))
+        self._show_printed()
         try:
             while not self.has_ended and self.messages.poll():
                 name, *values = self.messages.recv()
@@ -216,10 +227,10 @@ class Forked:
                     self._end()
                 else:
                     own.append((name, *values))
-        except (EOFError, OSError):
+        except Exception:  # it is closed, or has no message
             is_dead = True
         if is_dead and not self.has_ended:
-            self._process.join(1.0)
+            self._await_death(1.0)
             code = self._process.exitcode or 0
             memory = ", perhaps for want of memory" if code == -signal.SIGKILL else ""
             how = f"exit code {code}" if code >= 0 else f"signal {-code}{memory}"
@@ -227,17 +238,24 @@ class Forked:
             self._end()
         return own
 
+    def _show_printed(self) -> None:
+        with suppress(BlockingIOError):
+            printed = os.read(self._printed, 1 << 16)
+            sys.stderr.write(printed.decode("utf-8", "replace"))
+            if not printed:
+                self.sources = [self.messages]
+
     def wait(self, remedy: str) -> Any:
         """Return what the work returns, when it ends. Its exceptions are raised here.
 
         Raises PluginError with the step and the remedy if the process dies.
         """
         while not self.has_ended:
-            wait([self.messages], _TICK_S)
+            wait(self.sources, _TICK_S)
             self.receive()
             progress.show("tick")
-        if isinstance(self.fault, DiedError):
-            raise PluginError(self.fault.fault, remedy=remedy)
+        if isinstance(self.fault, PluginError):
+            raise PluginError(self.fault.fault, self.fault.place, remedy)
         if self.fault:
             raise self.fault
         return self.result
@@ -256,10 +274,17 @@ class Forked:
         if self.has_ended:
             return []
         self.ask_to_stop()
-        self._process.join(_GRACE_S)
-        own = self._received()
-        self._end()
-        return own
+        try:
+            self._await_death(_GRACE_S)
+            return self._received()
+        finally:
+            self._end()
+
+    def _await_death(self, most_s: float) -> None:
+        """Wait until the child has died. Its `join` waits for ever if a plugin has written into its sentinel."""
+        until = time.monotonic() + most_s
+        while self._process.exitcode is None and time.monotonic() < until:
+            time.sleep(0.01)
 
     def _end(self) -> None:
         """Kill the child and what it has left running."""
@@ -271,7 +296,9 @@ class Forked:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._process.join()
+        _our_ends.discard(self.messages)
         self.messages.close()
+        self._show_printed()
         os.close(self._printed)
         for number in self._lines:
             progress.show("finished", number)
@@ -307,6 +334,9 @@ def _work_in_child(
 
     _send = send
     _faults = faults
+    # what a plugin writes into every file must not reach the other children
+    for end in _our_ends:
+        end.close()
     # what lives longer than this process must not hold it
     os.register_at_fork(after_in_child=messages.close)
     if die := dying_with_parent(signal.SIGKILL):
@@ -321,14 +351,14 @@ def _work_in_child(
         io.FileIO(2, "w", closefd=False), "utf-8", "backslashreplace", write_through=True
     )
     result: Any = None
-    fault: Exception | None = None
+    fault: BaseException | None = None
     try:
         with progress.watched_by(lambda *event: send("progress", *event)):
             result = work(send, messages.recv)
-    except KeyboardInterrupt:
-        os._exit(0)
+    except (SucreBenchError, KeyboardInterrupt) as raised:
+        fault = raised
     except BaseException as raised:
-        fault = raised if isinstance(raised, SucreBenchError) else PluginError(one_line(raised))
+        fault = PluginError(one_line(raised))
     with suppress(BaseException):
         send("ended", result, fault)
     os._exit(0)

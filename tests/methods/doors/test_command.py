@@ -26,26 +26,26 @@ from sucre_bench.methods.doors import Command
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"run": ""}, {"command.run", "empty"}),
+        ({"run": ""}, {"method.run", "empty"}),
         (
             {"run": "no_such_program {output}"},
-            {"command.run", "'no_such_program'", "executable"},
+            {"method.run", "'no_such_program'", "executable"},
         ),
-        ({"run": "/etc/passwd {output}"}, {"command.run", "'/etc/passwd'", "executable"}),
-        ({"run": "cp 'a {output}"}, {"command.run", "quotation"}),
-        ({"run": "cp {imput} {output}"}, {"command.run", "'{imput}'", "'input'"}),
-        ({"run": "cp {input} there"}, {"command.run", "{output}"}),
+        ({"run": "/etc/passwd {output}"}, {"method.run", "'/etc/passwd'", "executable"}),
+        ({"run": "cp 'a {output}"}, {"method.run", "quotation"}),
+        ({"run": "cp {imput} {output}"}, {"method.run", "'{imput}'", "'input'"}),
+        ({"run": "cp {input} there"}, {"method.run", "{output}"}),
         (
             {"run": "cp {name} {output}", "per": "scene"},
-            {"command.run", "{name}", "command.per=view"},
+            {"method.run", "{name}", "method.per=view"},
         ),
-        ({"run": "cp {output}", "pattern": "out"}, {"command.pattern", "'out'", "{stem}"}),
+        ({"run": "cp {output}", "pattern": "out"}, {"method.pattern", "'out'", "{stem}"}),
         (
             {"run": "cp {output}", "output_suffix": "png"},
-            {"command.output_suffix", "'png'", ".png"},
+            {"method.output_suffix", "'png'", ".png"},
         ),
-        ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),
-        ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "none"}),
+        ({"run": "cp {output}", "bits": 12}, {"method.bits", "12"}),
+        ({"run": "cp {output}", "timeout": 0.0}, {"method.timeout", "0.0", "None"}),
     ],
 )
 def test_a_command_that_cannot_work_is_refused_at_once(options: dict, named: set[str]):
@@ -54,7 +54,7 @@ def test_a_command_that_cannot_work_is_refused_at_once(options: dict, named: set
 
 
 def test_a_program_that_rests_on_nothing_is_a_missing_file(tmp_path: Path):
-    with refused(str(tmp_path / "nowhere"), "command.rests_on", error=MissingFileError):
+    with refused(str(tmp_path / "nowhere"), "method.rests_on", error=MissingFileError):
         Command(run="cp {input} {output}", rests_on=tmp_path / "nowhere")
 
 

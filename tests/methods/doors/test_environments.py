@@ -92,7 +92,7 @@ def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others
     assert set(of[False]["status"]) == {"ok"}
     gone = of[True]
     assert set(gone["status"]) == {"failed"}
-    assert {"Not", "/opt/conda/envs/gone", "command.env=conda:gone"} <= names(
+    assert {"Not", "/opt/conda/envs/gone", "method.env=conda:gone"} <= names(
         gone["reason"].iloc[0]
     )
     assert {json.loads(text)["env"] for text in of[False]["options"]} == {IN_CONDA}
@@ -102,13 +102,13 @@ def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others
 @pytest.mark.parametrize(
     ("env", "named"),
     [
-        ("nix:reef", {"command.env=nix:reef", "uv:FILE", "conda:NAME"}),
+        ("nix:reef", {"method.env=nix:reef", "uv:FILE", "conda:NAME"}),
         ("conda:", {"conda:NAME"}),
-        ("uv:nowhere.txt", {"nowhere.txt", "command.env", "uv:FILE"}),
+        ("uv:nowhere.txt", {"nowhere.txt", "method.env", "uv:FILE"}),
         ("docker:reef:1.2", {"digest", "docker:reef@sha256", "inspect"}),
         ("docker:localhost:5000/reef:1", {"digest", "docker:localhost:5000/reef@sha256"}),
         ("docker:reef@sha256:12", {"digest", "docker:reef@sha256", "inspect"}),
-        (f"conda:one@{IMAGE}", {IMAGE, "command.env=conda:one"}),
+        (f"conda:one@{IMAGE}", {IMAGE, "method.env=conda:one"}),
     ],
 )
 def test_an_environment_that_says_too_little_or_has_changed_is_refused(

@@ -48,7 +48,7 @@ def test_a_view_without_depth_is_skipped_only_by_a_command_that_asks_for_it():
 
 def test_a_depth_that_millimetres_cannot_say_is_an_error_and_metres_are_the_remedy():
     scene = scene_of("a.png", "b.png", depth=DEPTH * 40)
-    with pytest.raises(InputError, match=r"a\.png: .*80\.0 m .* command\.depth_format=npy"):
+    with pytest.raises(InputError, match=r"a\.png: .*80\.0 m .* method\.depth_format=npy"):
         restored("cp {input} {depth} {output}", scene)
 
 

@@ -146,7 +146,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
 def test_a_pattern_that_cannot_work_is_refused_at_once(
     tmp_path: Path, pattern: str, named: set[str]
 ):
-    with refused("precomputed.pattern", *named):
+    with refused("method.pattern", *named):
         Precomputed(tmp_path, pattern=pattern)
 
 
@@ -241,7 +241,7 @@ def test_another_size_is_resized_where_it_is_asked_for_and_told(tmp_path: Path):
 
 def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS[:, :4])
-    with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*precomputed\.resize)"):
+    with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*method\.resize)"):
         restored(tmp_path, resize=True)
 
 
@@ -251,7 +251,7 @@ def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
         (RGB * 255, {"2", "white", "1"}),
         (RGB[..., :2], {"4x6x2", "3"}),
         (LEVELS.astype(np.int32), {"int32", "8", "16", "floats"}),
-        (np.full_like(RGB, np.nan), {"pixel", "precomputed.holes"}),
+        (np.full_like(RGB, np.nan), {"pixel", "method.holes"}),
     ],
 )
 def test_an_array_that_is_no_restored_image_is_named(

@@ -79,7 +79,7 @@ def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path
     other = tmp_path / "other.npy"
     np.save(other, RGB[:2, :3])
     with pytest.raises(
-        InputError, match=r"cp: a\.png: output/view\.npy: .*3x2, .*6x4; .*command\.resize=true"
+        InputError, match=r"cp: a\.png: output/view\.npy: .*3x2, .*6x4; .*method\.resize=true"
     ):
         restored(f"cp '{other}' {{output}}", output_suffix=".npy")
     assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info[

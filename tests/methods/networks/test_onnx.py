@@ -101,7 +101,7 @@ def test_a_model_of_one_size_gets_every_view_at_that_size(tmp_path: Path):
     got = result(NOISE, model=path)
     assert got.info["worked_at"] == "32x48"
     np.testing.assert_allclose(got.image, resized(resized(NOISE, 32, 48), 20, 24), atol=1e-6)
-    with pytest.raises(InputError, match=r"works at 32x48 only.*onnx.size=64"):
+    with pytest.raises(InputError, match=r"works at 32x48 only.*method.size=64"):
         restored(NOISE, model=path, size=64)
 
 
@@ -121,7 +121,7 @@ def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_pa
         expected.reshape(10, 2, 12, 2, 3).mean((1, 3)).repeat(2, axis=0).repeat(2, axis=1)[:19]
     )
     np.testing.assert_allclose(restored(image, model=path, multiple=2), expected, atol=1e-6)
-    with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*onnx.multiple"):
+    with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*method.multiple"):
         restored(image, model=path)
 
 
@@ -141,12 +141,12 @@ BAD: dict[str, tuple[Callable[[Path], object], set[str]]] = {
     ),
     "two outputs": (
         made(SAME, make_node("Neg", ["x"], ["mask"]), outputs=("y", "mask")),
-        {"y", "mask", "onnx.output=y"},
+        {"y", "mask", "method.output=y"},
     ),
     "no picture": (made(shape=("n", 3)), {"?x3", "one"}),
     "gray": (made(shape=(1, 1, "h", "w")), {"1x1x?x?", "3", "channels"}),
     "a batch": (made(shape=(4, 3, "h", "w")), {"4x3x?x?", "one"}),
-    "open": (made(shape=("n", "c", "h", "w")), {"channels", "onnx.layout=nchw"}),
+    "open": (made(shape=("n", "c", "h", "w")), {"channels", "method.layout=nchw"}),
     "half open": (made(shape=(1, 3, 256, "w")), {"1x3x256x?", "open"}),
     "words": (made(dtype="INT64", output_dtype="INT64"), {"tensor(int64)"}),
     "gray answer": (
@@ -155,7 +155,7 @@ BAD: dict[str, tuple[Callable[[Path], object], set[str]]] = {
     ),
     "fails": (
         made(make_node("Reshape", ["x", "s"], ["y"]), constants=constants(s=[1, 3, 7, 7])),
-        {"20x24", "onnx.size"},
+        {"20x24", "method.size"},
     ),
 }
 
@@ -224,7 +224,7 @@ def test_a_model_is_opened_once_and_again_when_its_file_changes(tmp_path: Path):
 
 def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
     (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
-    with pytest.raises(InputError, match=r"none; .*onnx\.model"):
+    with pytest.raises(InputError, match=r"none; .*method\.model"):
         restored(NOISE, model=tmp_path)
     path = with_weights_in("ones.bin", tmp_path / "m.onnx")
     np.testing.assert_array_equal(restored(NOISE, model=tmp_path), NOISE)
@@ -232,7 +232,7 @@ def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_p
     os.utime(tmp_path / "ones.bin", ns=(0, 10**18))
     assert source_hash(files=[tmp_path]) != before
     path.with_name("n.onnx").write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match=r"m\.onnx, n\.onnx; .*onnx\.model"):
+    with pytest.raises(InputError, match=r"m\.onnx, n\.onnx; .*method\.model"):
         restored(NOISE, model=tmp_path)
 
 

@@ -30,7 +30,7 @@ from support.photographed_valley import (
 import sucre_bench as sb
 from sucre_bench.camera import pixel_rays
 from sucre_bench.commands.prepare import prepare as command
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import InputError, OutputError, PluginError
 from sucre_bench.imaging.image_files import is_jpeg
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
@@ -378,7 +378,7 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
     ):
         with monkeypatch.context() as stop:
             stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
-            with pytest.raises(_StoppedError):
+            with pytest.raises(PluginError, match="_StoppedError"):
                 mapping.map_photos(photos, tmp_path / "two", RULES)
         with pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as opened:
             found = sum(
