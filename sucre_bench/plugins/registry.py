@@ -9,6 +9,7 @@ import importlib.metadata
 import importlib.util
 import inspect
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
@@ -140,8 +141,8 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     package = importlib.import_module(f"sucre_bench.{kind}s")
     entries = list[Plugin | Broken]()
     for info in pkgutil.iter_modules(package.__path__):
-        has_name = _has_text(Path(package.__path__[0]) / info.name, name.replace("_", ""))
-        if has_name and not info.name.startswith("_"):
+        is_wanted = not name or _may_define(Path(package.__path__[0]) / info.name, name)
+        if is_wanted and not info.name.startswith("_"):
             load = functools.partial(importlib.import_module, f"{package.__name__}.{info.name}")
             entries += _imported(info.name, load)
     for point in _entry_points(tuple(sys.path)):
@@ -162,11 +163,12 @@ def _found(kind: Kind, name: str) -> dict[str, Plugin | Broken]:
     return dict(sorted(found.items()))
 
 
-def _has_text(module: Path, text: str) -> bool:
-    """Whether a file or folder has a text: `text` without underscores, as a class has its name."""
+def _may_define(module: Path, name: str) -> bool:
+    """Whether a file or folder has a class of a plugin's name, or the name in quotes."""
+    plain = re.escape(name.replace("_", "").lower())
     files = module.rglob("*.py") if module.is_dir() else [module.with_suffix(".py")]
     texts = (file.read_text(encoding="utf-8").replace("_", "").lower() for file in files)
-    return any(text in one for one in texts)
+    return any(re.search(f"class {plain}|[\"']{plain}[\"']", text) for text in texts)
 
 
 @functools.cache
