@@ -87,6 +87,11 @@ class Column:
         return self.plugin.role if self.plugin else ""
 
     @property
+    def reach(self) -> float:
+        """The largest difference between two scores. An interval that ends there, or beyond, says nothing."""
+        return self.range[1] - self.range[0]
+
+    @property
     def n_units(self) -> int:
         """How many independent units there are: scenes, or the views of a single scene."""
         return self.n_scenes if self.n_scenes > 1 else self.n_views

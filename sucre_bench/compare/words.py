@@ -232,8 +232,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     leads = "leads" if verdict.is_lead else "is ahead of"
     low, high = verdict.interval
-    reach = column.range[1] - column.range[0]  # an interval as long says nothing
-    interval = f"[{number(low)}, {number(high)}]" if high < reach else ""
+    interval = f"[{number(low)}, {number(high)}]" if high < column.reach else ""
     by = " ".join(filter(None, [number(verdict.difference), column.unit, interval]))
     best = "better" if comparison.baseline else "best"
     chance = ""
