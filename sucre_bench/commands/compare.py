@@ -168,11 +168,13 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
 
     column = verdict.column
     gain, low, high = map(signed, verdict.gain)
-    said = f"gain {gain} {column.unit} [{low}, {high}] over {baseline}, limit {number(verdict.gate.limit)}"
+    interval = f"[{low}, {high}]"
+    if verdict.outcome == "unknown":
+        interval = "(so few views have no interval)"
+    gained = " ".join(filter(None, ["gain", gain, column.unit, interval]))
+    said = f"{gained} over {baseline}, limit {number(verdict.gate.limit)}"
     if verdict.outcome == "no score":
         said = f"has no score on a view where {baseline} has one"
-    elif verdict.outcome == "unknown":
-        said += "; so few views have no interval"
     elif verdict.worst:
         said += "; worst views: " + ", ".join(
             f"{name} {signed(g)}" for name, g in verdict.worst

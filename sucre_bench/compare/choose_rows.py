@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
+from sucre_bench.compare.model import plugin_of
 from sucre_bench.errors import InputError, LinesError, did_you_mean
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import first_few
@@ -272,7 +272,7 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
 
 def metrics_in(rows: DataFrame) -> dict[str, Plugin]:
     """Return the metrics of rows by name, those that are installed."""
-    known = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
+    known = {str(name): plugin_of(str(name)) for name in rows["metric"].unique()}
     return {name: plugin for name, plugin in known.items() if plugin}
 
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import statistics
 from sucre_bench.compare.choose_rows import (
@@ -18,7 +17,7 @@ from sucre_bench.compare.choose_rows import (
     leaves_holes,
     without_replicates,
 )
-from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note
+from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, plugin_of
 from sucre_bench.compare.notes import (
     REPETITION,
     About,
@@ -70,9 +69,11 @@ def compare(
         rows = rows.assign(**OWN_PIXELS)
     groups = ["dataset"]
     if by != "method":
-        rows = rows[(rows["view"] != "") & ~rows["region"].str.contains("/", regex=False)]
+        rows = rows[rows["view"] != ""]
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
+    if by == "region":
+        rows = rows[~rows["region"].str.contains("/", regex=False)]
     measured = _by_table(rows, groups)
     tables = []
     for key, of_table in rows.groupby(groups, sort=False):
@@ -258,7 +259,7 @@ def _column(
     units = values.index.tolist()
     is_whole = ~np.isnan(values.to_numpy()).any(axis=1)
     left = list(itertools.compress(units, is_whole))
-    plugin = plugins.get("metric", metric)
+    plugin = plugin_of(metric)
     if plugin:
         bounds = plugin.range
         knows = plugin.knows(variant)

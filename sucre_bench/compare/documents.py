@@ -43,7 +43,7 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
     for one in comparisons:
         cells = shown_table(one.methods, parts_of(one, with_variants=True), spread)
         head = one.title if len(comparisons) > 1 else ""
-        below = [*answer(one), legend(one, spread), *left_out(one)]
+        below = [*answer(one), legend(one, cells, spread), *left_out(one)]
         made.append(_WRITERS[how](head, cells, below))
     return "\n".join(made)
 
@@ -62,7 +62,7 @@ def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "la
             ]
             cells = shown_table([*levels[0].lines], parts)
             head = f"{title_of}: {title(column)} ({column.variant})"
-            below = [legend(first.with_columns([column]))]
+            below = [legend(first.with_columns([column]), cells)]
             if column == first.columns[-1]:
                 below += left_out(first)
             made.append(_WRITERS[how](head, cells, below))

@@ -117,7 +117,7 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
     outcome: Outcome = "passed"
     if math.isnan(gain):
         outcome = "no score"
-    elif not math.isfinite(high):
+    elif not high < column.reach:
         outcome = "unknown"
     elif gain < gate.limit and high < 0:
         outcome = "failed"

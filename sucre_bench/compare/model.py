@@ -29,6 +29,9 @@ FEWEST_FOR_LEAD = 20
 # The column that says which share of the image each method fills, beside scores of which this matters.
 FILLED = "filled"
 
+# Scores of no plugin.
+_OURS = (*COSTS, FILLED, PREFERENCE)
+
 # Scores that differ by less than this share of their size are equal: images and most metrics are float32, which has
 # seven figures.
 EQUAL = 1e-6
@@ -38,6 +41,11 @@ def may_be_chance(difference: Difference) -> bool:
     """Return whether the interval of a difference includes 0; False without an interval. The one rule of ties."""
     _, low, high = difference
     return low <= 0 <= high
+
+
+def plugin_of(metric: str) -> Plugin | None:
+    """Return the metric of this name; None if it is not installed. Nothing is imported for a score of no plugin."""
+    return None if metric in _OURS else plugins.get("metric", metric)
 
 
 @dataclass(frozen=True)
@@ -71,12 +79,17 @@ class Column:
     @property
     def plugin(self) -> Plugin | None:
         """The metric; None if it is not installed."""
-        return plugins.get("metric", self.metric)
+        return plugin_of(self.metric)
 
     @property
     def role(self) -> Role:
         """What the metric tells; "" if it is not installed."""
         return self.plugin.role if self.plugin else ""
+
+    @property
+    def reach(self) -> float:
+        """The largest difference between two scores. An interval that ends there, or beyond, says nothing."""
+        return self.range[1] - self.range[0]
 
     @property
     def n_units(self) -> int:
@@ -86,7 +99,7 @@ class Column:
     @property
     def is_unknown(self) -> bool:
         """Whether it is the score of a metric that is not registered here."""
-        return self.plugin is None and self.metric not in (*COSTS, FILLED, PREFERENCE)
+        return self.plugin is None and self.metric not in _OURS
 
     @property
     def key(self) -> str:
@@ -275,7 +288,7 @@ class Comparison:
 
 def says_filled(metric: str, variant: str) -> bool:
     """Return whether a score is the share of the image that a method fills, in its first default variant."""
-    plugin = plugins.get("metric", metric)
+    plugin = plugin_of(metric)
     return metric == FILLED or (
         plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
     )

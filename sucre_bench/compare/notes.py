@@ -215,6 +215,8 @@ def fault_notes(rows: DataFrame) -> Iterator[Note]:
         parts = values[among(values, bad, _VIEW) & (values["region"] != "image")]
         hue = "".join(parts["region"].str.removeprefix("image/").mode()[:1])
         words = fault.words.format(share=f"{100 * bad['value'].mean():.0f} %", hue=hue)
-        said[method].append(f"{words} in {len(bad)} of {len(whole)} views")
+        if len(bad) < len(whole):
+            words += f" in {len(bad)} of {len(whole)} views"
+        said[method].append(words.strip())
     for method, faults in said.items():
         yield Note(", ".join(faults), "faults", method)

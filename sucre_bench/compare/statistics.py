@@ -457,8 +457,7 @@ def against(
         if column.better == "higher":
             gap, low, high = change
             change = (0 - gap, 0 - high, 0 - low)
-        reach = column.range[1] - column.range[0]
-        change = tuple(np.clip(change, -reach, reach).tolist())
+        change = tuple(np.clip(change, -column.reach, column.reach).tolist())
         wins = float((lead > 0).sum() + 0.5 * (lead == 0).sum())
         made.append(replace(cell, change=change, wins=wins, effect=_effect(lead)))
     made[baseline] = replace(

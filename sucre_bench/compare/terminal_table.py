@@ -70,7 +70,7 @@ def as_table(
     head = block.title
     if chosen.main:
         head += f", best {chosen.main.metric} first"
-    dim = [words.legend(block, spread, intervals), *words.left_out(block)]
+    dim = [words.legend(block, cells, spread), *words.left_out(block)]
     return _joined(head, _tables(cells, width), dim, words.answer(block), width)
 
 
@@ -88,7 +88,7 @@ def _overview(comparisons: Sequence[Comparison], key: str, width: int) -> Group:
     parts = [Part(one.title.removeprefix(f"{where},"), one, column) for one, column in found]
     cells = words.shown_table([*methods], parts, intervals=False)
     first, column = found[0]
-    dim = [words.legend(first.with_columns([column]), intervals=False)]
+    dim = [words.legend(first.with_columns([column]), cells)]
     differing = sum(any("pixels" in note.kind for note in one.notes) for one, _ in found)
     if differing:
         dim.append(f"in {differing} of {len(found)} tables methods fill different pixels")

@@ -67,6 +67,11 @@ def _is_one_of_several(comparison: Comparison, column: Column) -> bool:
 
 Look = Literal["", "best", "second", "better", "worse", "dim"]
 _PLACES: Mapping[int, Look] = {1: "best", 2: "second"}
+_LOOKS: Mapping[Look, str] = {
+    "best": "bold: best",
+    "second": "underlined: second",
+    "better": "bold: better",
+}
 
 
 @dataclass(frozen=True)
@@ -176,21 +181,26 @@ def shown_table(
 # -- below a table -----------------------------------------------------------------------------------------
 
 
-def legend(comparison: Comparison, spread: bool = False, intervals: bool = True) -> str:
-    """Say what the numbers of a table and its marks mean. spread, intervals: whether it shows these."""
+def legend(comparison: Comparison, cells: DataFrame, spread: bool = False) -> str:
+    """Say what the numbers and the marks of a table mean. cells: its `Shown`; spread: whether they show deviations."""
+    every = cells.to_numpy().ravel()
+    looks = {cell.look for cell in every}
     mean = "mean ± standard deviation" if spread else "mean"
-    if intervals:
+    has_intervals = any(cell.interval for cell in every)
+    if has_intervals:
         mean += " [95 % interval: bootstrap; of differences: step-down max-t]"
     reference = comparison.baseline or "the best"
-    chance = f"≈: the difference from {reference} may be chance"
     parts = [f"{mean} over views"]
     if comparison.baseline:
         parts = [f"with a sign: difference from {reference}", *parts]
-    if any(column.ranked for column in comparison.columns):
-        looks = "bold: better" if comparison.baseline else "bold: best, underlined: second"
-        parts += [looks, chance]
-    parts.append("○n: lacks n that others have")
-    if any(column.has_few_views for column in comparison.columns):
+    parts += [words for look, words in _LOOKS.items() if look in looks]
+    has_marks = any(cell.mark for cell in every)
+    if has_marks:
+        parts.append(f"≈: the difference from {reference} may be chance")
+    if any(cell.holes for cell in every):
+        parts.append("○n: lacks n that others have")
+    has_few_views = any(column.has_few_views for column in comparison.columns)
+    if has_few_views and (has_intervals or has_marks):
         parts.append(f"intervals over fewer than {FEWEST_VIEWS} views are rough")
     if comparison.restorers:
         parts += [f"{name}: the photograph itself" for name in comparison.photographs]
@@ -222,7 +232,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     leads = "leads" if verdict.is_lead else "is ahead of"
     low, high = verdict.interval
-    interval = f"[{number(low)}, {number(high)}]" if math.isfinite(low) else ""
+    interval = f"[{number(low)}, {number(high)}]" if high < column.reach else ""
     by = " ".join(filter(None, [number(verdict.difference), column.unit, interval]))
     best = "better" if comparison.baseline else "best"
     chance = ""

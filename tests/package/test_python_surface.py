@@ -6,7 +6,6 @@ import base64
 import doctest
 import inspect
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -180,7 +179,7 @@ def test_each_public_name_has_an_example_that_runs(name: str):
 
 
 def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(
-    scene: sb.Scene, monkeypatch
+    scene: sb.Scene,
 ):
     @sb.metric(better="lower", range=(0, 1))
     @dataclass(frozen=True)
@@ -208,8 +207,7 @@ def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(
     assert set(compared.table.reset_index()["method"]) == {"gray_world", "twice"}
     assert "tabular" in compared.latex()
     assert "| twice |" in compared.markdown()
-    monkeypatch.setattr(sys.modules["__main__"], "Twice", Twice, raising=False)
-    with pytest.raises(sb.InputError, match=r"Twice\(\.\.\.\)"):
+    with pytest.raises(sb.InputError, match="'twice'"):
         sb.restore("twice", scene, 0)
     with pytest.raises(sb.InputError, match=r"better"):
         sb.metric(unit="dB")

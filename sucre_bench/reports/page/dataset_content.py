@@ -21,7 +21,9 @@ from sucre_bench.compare.words import (
     left_out,
     legend,
     number,
+    parts_of,
     shown,
+    shown_table,
     title,
     verdict_text,
 )
@@ -153,6 +155,8 @@ class Section:
         enough = any(
             column.n_scored and not column.has_few_views for column in self.table.columns
         )
+        parts = parts_of(self.table, with_variants=True)
+        shown_cells = shown_table(self.table.methods, parts, intervals=enough)
         seconds = [
             column
             for column in self.table.columns
@@ -177,7 +181,7 @@ class Section:
             "main": self._main.key if self._main else "",
             "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
-            "note": ". ".join([legend(self.table, intervals=enough), *left_out(self.table)]),
+            "note": ". ".join([legend(self.table, shown_cells), *left_out(self.table)]),
             "costs": [Choice(title(column), [figure]) for column, figure in costs if figure],
             **chart_content(self.rows, self.table.columns, methods, self._names),
             "charts": list(methods),

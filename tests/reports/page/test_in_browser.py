@@ -115,7 +115,7 @@ def test_an_opened_page_shows_the_best_method_and_its_commands_and_sorts_by_a_cl
     assert "95 % interval" in cells[0][2]
     # two views are too few
     assert page.ask("document.querySelectorAll('#scores .whisker').length") == 0
-    assert "2 views" in texts(page, f"{SHEET} .note")[0]
+    assert "2 images" in texts(page, f"{SHEET} thead th")[1]
     said = texts(page, ".commands:not([hidden]) code")
     assert len(said) == len(methods(page))
     assert all("'views=[v0.png,v1.png,v2.png]' 'metrics=[psnr," in command for command in said)
