@@ -1,4 +1,4 @@
-"""`sucre-bench doctor`: lists what works on this machine."""
+"""`sucre-bench doctor`: lists what is installed on this machine."""
 
 import sys
 from dataclasses import asdict
@@ -20,15 +20,15 @@ _COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "d
 )
 @shared.json_option
 def doctor(out: Path | None, as_json: bool) -> None:
-    """List what works on this machine, what is missing, and the commands that install it.
+    """List what is installed on this machine, what is missing, and the commands that install it.
 
     \b
     sucre-bench doctor
     sucre-bench doctor --out /scratch/results
     sucre-bench doctor --json | jq '.features[] | select(.state != "ready")'
 
-    Exit codes: 0, all required packages work; 1, something is broken or a required package is missing. Missing optional
-    packages do not count.
+    Exit codes: 0, all required packages are there; 1, something is broken or a required package is missing. Missing
+    optional packages do not count.
     """
     from sucre_bench.programs import doctor
 

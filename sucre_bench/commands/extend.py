@@ -221,7 +221,7 @@ def check(
             said = f"  {outcome.skipped}" if outcome.skipped else ""
             show((f"  {sign} ", style), outcome.rule, (said, "dim"))
             for _, text in outcome.findings:
-                show(f"      {text}", style=style)
+                show((f"      {text}", style))
         counts = Counter(outcome.status for outcome in outcomes)
         seconds = sum(outcome.seconds for outcome in outcomes)
         words = [f"{counts[key]} {name}" for key, (_, _, name) in _SIGNS.items() if counts[key]]

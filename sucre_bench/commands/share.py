@@ -39,7 +39,6 @@ _MOST = 20  # scores that are listed
 @shared.option(
     "--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".'
 )
-@shared.plugin_option
 @shared.force_option
 def bundle(folder: Path, file: Path, pictures: Any, by: str, force: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.

@@ -123,8 +123,7 @@ class SplitOption:
     """The option of datasets of single images to take a named test set."""
 
     split: str | None = None
-    """A named test set (`sucre-bench list sets`), or the table of one's own: only its pictures, which must all be
-    there. Default: every picture."""
+    """A named test set (`sucre-bench list sets`): only its pictures, which must all be there; null: every picture."""
 
 
 def _stem(name: str) -> str:

@@ -121,7 +121,7 @@ class NamedSet:
             "name": self.name,
             "description": self.about,
             "pictures": len(self.members),
-            "recognised": f"{len(self.members)} pictures, recognised {how}",
+            "recognised": f"{how}, of {len(self.members)} pictures",
             **{key: getattr(self, key) for key in ("of", "source", "licence", "used_by")},
         }
 

@@ -4,6 +4,7 @@ In: the folder whose disk to check. Out: `Examined`, with machine, features and 
 torch where there is a GPU.
 """
 
+import contextlib
 import ctypes
 import platform
 import shlex
@@ -142,9 +143,12 @@ def _gpu() -> Feature:
         wanted = f"torch=={version.partition('+')[0]}"
         remedy = _in_this_python(f"pip install --force-reinstall {wanted}")
         return Feature(name, "broken", f"torch {version} is built for CPUs alone", remedy)
-    import torch
+    works = False
+    with contextlib.suppress(ImportError, OSError):  # of a damaged installation
+        import torch
 
-    if not torch.cuda.is_available():
+        works = torch.cuda.is_available()
+    if not works:
         return Feature(name, "broken", f"torch {version} cannot use the {gpu}", "nvidia-smi")
     return Feature(name, "ready", f"torch {version} on {gpu}")
 

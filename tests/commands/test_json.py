@@ -46,6 +46,19 @@ def test_json_is_asked_for_alike(bench, toys: str):
         )
 
 
+def test_check_tells_a_program_what_a_plugin_breaks(bench, tmp_path: Path):
+    (tmp_path / "half.py").write_text(
+        "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n\n@method()\n"
+        "@dataclass(frozen=True)\nclass Half:\n    def restore(self, scene, view):\n"
+        "        return Restoration(view.rgb[::2])\n"
+    )
+    done = bench("check", "half.py", "--quick", "--json")
+    (told,) = json.loads(done.stdout)
+    assert (told["ok"], done.returncode) == (False, 1)
+    broken = {rule["name"]: rule["findings"] for rule in told["rules"] if rule["findings"]}
+    assert "(64, 96, 3)" in broken["restores_a_view"][0]["text"]
+
+
 def helps() -> list[tuple[str, click.Command]]:
     return [("", cli), *commands().items()]
 

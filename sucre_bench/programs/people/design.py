@@ -195,7 +195,11 @@ def _pictures(
                 f"the restored image of {shown.view} is gone", path, "repeat the run's command"
             )
         image = np.ascontiguousarray(read_bgr_8bit(path)[..., ::-1])
-        if (mask := masks.get((shown.scene, shown.view))) is not None:
+        mask = masks.get((shown.scene, shown.view))
+        if mask is not None:
+            if mask.shape != image.shape[:2]:
+                fault = "is not of the size of the other methods' pictures"
+                raise InputError(fault, path, f"run {shown.method} again with overwrite=always")
             image[~mask] = _HOLE
         picture = Image.fromarray(image)
         jpeg = io.BytesIO()

@@ -53,7 +53,9 @@ def read_votes(
         raise LinesError("\n".join(skipped))
     once = every.drop_duplicates(["study", "observer", "n"])
     if len(once) < len(every):
-        skipped.append(f"{len(every) - len(once)} votes are in several files; they count once")
+        skipped.append(
+            f"{len(every) - len(once)} votes are in several files; those of the first file count"
+        )
     return once, skipped
 
 
