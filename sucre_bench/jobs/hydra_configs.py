@@ -228,7 +228,12 @@ def preset(group: str, name: str) -> dict[str, Any] | None:
 def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
     from omegaconf import OmegaConf
 
-    if not name or not loader().repository.config_exists(f"{group}/{name}"):
+    try:
+        is_there = name and loader().repository.config_exists(f"{group}/{name}")
+    except OSError:
+        # no file can have this name
+        is_there = False
+    if not is_there:
         return None
     with warnings.catch_warnings(action="ignore"):
         # that _self_ is not in its defaults: it is last
