@@ -4,6 +4,7 @@ A folder stands for the dataset that recognises it by its files.
 """
 
 import math
+import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -88,7 +89,7 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
             remedy = f"begin it with `defaults: [NAME]`, the {kind} that it is a preset of"
             raise InputError(f"names no {kind}", f"{kind}/{name}.yaml", remedy)
         return preset
-    if kind == "dataset" and name and Path(name).is_dir():
+    if kind == "dataset" and os.path.isdir(name):  # noqa: PTH112 - pathlib's raises OSError for some names
         fault = f"no dataset is called '{name}', but a folder is"
         raise InputError(fault, remedy=f"write dataset=./{name}")
     for made in [*vars(sys.modules["__main__"]).values()]:  # a class of a notebook's cell

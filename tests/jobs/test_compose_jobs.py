@@ -101,6 +101,17 @@ def test_swept_paths_stay_as_typed():
     assert [job.method.label for job in swept.jobs] == [f"gain,log={typed}" for typed in TYPED]
 
 
+@pytest.mark.parametrize(("typed", "number"), [("010", 10), ("1_0", 10), ("' 3'", 3)])
+def test_a_number_is_decimal(typed: str, number: int):
+    assert jobs(f"every={typed}").jobs[0].every == number
+
+
+@pytest.mark.parametrize("typed", ["0x10", "0b11", "1:30", "yes", "''"])
+def test_what_is_a_number_only_in_yaml_is_refused(typed: str):
+    with refused("every", typed.strip("'")):
+        jobs(f"every={typed}")
+
+
 def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     def label(*overrides: str) -> str:
         return jobs(*overrides).jobs[0].method.label

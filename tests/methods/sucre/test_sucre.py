@@ -328,7 +328,7 @@ def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_w
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"physical": "always"}, {"sucre.physical", "'always'", "auto"}),
+        ({"physical": "always"}, {"method.physical", "'always'", "auto"}),
         ({"water": ""}, {"method.water", "empty"}),
         ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
     ],

@@ -188,8 +188,8 @@ def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> Non
     [
         ({"encoding": "linear"}, "a", "one of gamma intensities"),
         ({"gains": {"b.png": 1.0}}, "a", "even light"),
-        ({"light": {"parts": ["lens"]}}, "a", r"sucre_paper\.start=paper"),
-        ({}, "z", r"sucre_paper\.start takes paper, truth, "),
+        ({"light": {"parts": ["lens"]}}, "a", r"method\.start=paper"),
+        ({}, "z", r"method\.start takes paper, truth, "),
     ],
 )
 def test_what_is_wrong_with_a_start_is_mended_by_options_of_sucre_paper(
