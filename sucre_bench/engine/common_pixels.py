@@ -117,7 +117,7 @@ class CommonView:
 
     def is_scored(self, said: Row | None) -> bool:
         """Whether the table has the view's scores. said: the table's row that stands for the view."""
-        if said is None or said.status == "failed":
+        if said is None:
             return False
         last = max(entrant.whole.time for entrant in self.entrants)
         return last <= said.time and methods_of(said.options) == {*self.methods}
@@ -266,6 +266,9 @@ def score_on_common_pixels(
         job.view_timeout_s,
     )
     said = {_key(row): row for row in row_objects(common[common["metric"] == COMMON_PIXELS])}
+    for row in row_objects(common[common["status"] == "failed"]):
+        # it is tried again
+        said.pop(_key(row), None)
     due = [view for view in views if not view.is_scored(said.get(_key(view.entrants[0].whole)))]
     part = results.Part(job.out, "common-pixels")
     try:

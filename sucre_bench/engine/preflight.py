@@ -9,7 +9,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -139,7 +139,9 @@ def _open(dataset: Choice) -> list[Scene]:
             raise InputError(f"{times} scenes are called '{name}'", where, "rename a folder")
     if not any(map(len, scenes)):
         raise InputError("no views", where, "check its options")
-    _say_passed_over(dataset, vars(made).values(), scenes)
+    # not `vars`: a class may have slots
+    options = [getattr(made, field.name) for field in fields(made)]
+    _say_passed_over(dataset, options, scenes)
     return scenes
 
 

@@ -14,6 +14,7 @@ from support.toy_plugins import Toy
 from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
 from sucre_bench.results.restorations import read_mask
+from sucre_bench.results.rows import COMMON
 from sucre_bench.results.table import read_common
 
 
@@ -103,6 +104,17 @@ def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(
     results.read(tmp_path).to_parquet(table, index=False)  # without the scores on common pixels
     sweep(tmp_path, "gain,left_half")
     pd.testing.assert_frame_equal(but_times(read_common(tmp_path)), but_times(whole))
+
+
+def test_a_score_that_failed_on_common_pixels_is_tried_again(both: Path):
+    whole = read_common(both)
+    rows = pd.read_parquet(both / "scores.parquet")
+    is_common = rows["variant"].str.endswith(COMMON) & (rows["metric"] == "psnr")
+    assert is_common.any()
+    rows.loc[is_common, ["status", "value"]] = "failed", float("nan")
+    rows.to_parquet(both / "scores.parquet", index=False)
+    sweep(both, "gain,left_half")
+    pd.testing.assert_frame_equal(but_times(read_common(both)), but_times(whole))
 
 
 def test_a_restoration_made_anew_is_scored_anew(both: Path):

@@ -54,6 +54,7 @@ DEATHS = {
     "abort": "signal 6",
     "child": "signal 9",  # a process that it forked lives on
     "daemon": "exit code 3",
+    "junk": "exit code 0",  # it has written into the pipe to the command
 }
 
 
@@ -141,6 +142,7 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
             break
     check(done, folder, acts, FAULTS)
     assert told in done.stdout
+    assert f"view_timeout_s={limit_s};" in restorations(folder).loc["asleep.png", "reason"]
 
 
 def test_text_that_is_no_utf8_costs_its_view_alone(tmp_path: Path):
