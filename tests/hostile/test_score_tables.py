@@ -108,6 +108,5 @@ def test_a_table_of_nothing_but_nan_is_one_line_with_a_remedy(tmp_path: Path):
     done = run_here(tmp_path, "compare", "results")
     assert done.returncode == 2
     assert [
-        re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None
-        for line in done.errors
+        re.fullmatch(r"error: results: [^;]+; [^;]+", line) is not None for line in done.errors
     ] == [True]
