@@ -44,8 +44,10 @@ def as_blocks(
     if len(comparisons) > _MOST_BLOCKS and not intervals and not spread:
         keys = dict[str, None]()
         for comparison in comparisons:
-            main = deciding(comparison).main
-            shown = comparison.columns if every or main is None else (main,)
+            chosen = deciding(comparison)
+            shown = (chosen.main,) if chosen.main else chosen.columns
+            if every:
+                shown = comparison.columns
             keys |= dict.fromkeys(column.key for column in shown if column.directed)
         return [_overview(comparisons, key, width) for key in keys]
     return [as_table(one, width, every, intervals, spread) for one in comparisons]

@@ -38,6 +38,8 @@ _STAGES = {"value": "whole restoration", "pair": "pairing", "solve": "solving"}
 # The fewest points a line is drawn through, and the least ratio of their observations.
 _FEWEST = 4
 _SPREAD = 2.0
+# Rounds of the fit: each error counts relative to the line's own time.
+_ROUNDS = 10
 
 # Of water: parameter, as variants begin with it; its name in a run's records, and as an axis says it.
 _PARAMETERS = {
@@ -187,7 +189,10 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
             seconds = of_method[stage].to_numpy()
             label = method
             if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
-                (b, a), covariance = np.polyfit(n, seconds, 1, w=1 / seconds, cov=True)
+                expected = seconds
+                for _ in range(_ROUNDS):
+                    (b, a), covariance = np.polyfit(n, seconds, 1, w=1 / expected, cov=True)
+                    expected = np.maximum(a + b * n, seconds.min())
                 error = np.sqrt(covariance[0, 0])
                 at = np.geomspace(n.min(), n.max(), 50)
                 if b > 0:  # falling times have other causes than observations
