@@ -339,7 +339,7 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> list[str]:
     `split` that is no set.
     """
     if split not in named_sets():
-        raise unknown_name("split", split, named_sets(), "test set")
+        raise unknown_name("dataset.split", split, named_sets(), "test set")
     named = named_sets()[split]
     by_stem = {_stem(image): image for image in images}
     stems = [_stem(member.name) for member in named.members]
