@@ -195,7 +195,7 @@ def charts(
     VIEW is an image in the folder images/ of a scene. With dataset=, it is the name of a view. The kinds are dgk,
     colorchecker24, colorchecker_sg, or a CSV file. The command finds charts of the kind colorchecker24 by itself. Depth
     and poses carry a marked chart to the other views, where you confirm it. The page shows the named views first. The
-    scene's charts.json stores the confirmed charts.
+    scene's charts.json stores everything.
     """
     import webbrowser
 
@@ -224,11 +224,11 @@ def charts(
             except KeyboardInterrupt:
                 click.echo("stopped; confirmed charts are stored")
     for view in session.everything:
-        marked = session.charts.get(view.name, ())
-        proposed = session.proposed(view.name)
+        marked = session.file.confirmed(view.name)
+        proposed = session.file.proposed(view.name)
         if marked or proposed:
             open_ = f", {len(proposed)} to confirm" if proposed else ""
             click.echo(f"{view.name}: {counted(len(marked), 'chart')}{open_}")
     click.echo(
-        f"charts   {session.path}{'' if session.path.is_file() else ': none marked, nothing written'}"
+        f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}"
     )

@@ -17,18 +17,17 @@ from sucre_bench.imaging.chart_patches import measure, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.word_syntax import quoted
-from sucre_bench.loading.charts_file import chart_of, read_charts
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import expanded
-from sucre_bench.programs.charts.charts_json import store_charts
+from sucre_bench.programs.charts.charts_json import ChartsFile
 from sucre_bench.programs.charts.proposals import DETECTABLE, Proposal, detect, overlap, propose
 from sucre_bench.scene import Chart, View
 
 
 @dataclass
 class Session:
-    """The views of a scene for marking charts, their charts, and proposals.
+    """The views of a scene for marking charts, and the charts' file.
 
     Charts are proposed from and for all views.
     """
@@ -36,11 +35,7 @@ class Session:
     views: Sequence[View]
     """The named views, which come first and which the detector examines."""
 
-    path: Path
-    """Of charts.json, absolute."""
-
-    charts: dict[str, tuple[Chart, ...]]
-    """By view, as loaders read them from `path`."""
+    file: ChartsFile
 
     kind: str
     """Of new charts."""
@@ -48,13 +43,7 @@ class Session:
     others: Sequence[View] = ()
     """Further views of the scene."""
 
-    proposals: dict[str, dict[str, Proposal]] = field(default_factory=dict, init=False)
-    """By view and name of the chart, those to confirm."""
-
-    rejected: set[tuple[str, str]] = field(default_factory=set, init=False)
-    """View and name of charts that are not proposed again."""
-
-    lock: threading.RLock = field(default_factory=threading.RLock, init=False)
+    lock: threading.RLock = field(default_factory=threading.RLock)
 
     @property
     def everything(self) -> Sequence[View]:
@@ -62,67 +51,59 @@ class Session:
         return [*self.views, *self.others]
 
     def prepare(self) -> None:
-        """Detect charts in views without any, and propose marked charts in other views."""
+        """Detect charts in views without any, propose marked charts in other views, and save."""
         if self.kind in DETECTABLE:
             known = self._marked()
             for view in progress.track(self.views, "looking for charts"):
-                if view.name not in self.charts:
-                    self._detect(view, known)
+                if self.file.confirmed(view.name) or self.file.proposed(view.name):
+                    continue
+                try:
+                    found = detect(_picture(view), self.kind)
+                except InputError as fault:
+                    progress.say(f"failed  {fault}", is_fault=True)
+                    continue
+                # A chart is named as in other views if the geometry identifies it.
+                expected = list(propose(known, [view]))
+                taken = {chart.name for _, chart in known}
+                for chart in found:
+                    names = [
+                        p.chart.name
+                        for p in expected
+                        if overlap(chart.corners, p.chart.corners)
+                    ]
+                    # one of these is free
+                    numbered = [f"chart{n + 1}" for n in range(len(taken) + 1)]
+                    names += [name for name in numbered if name not in taken]
+                    named = replace(chart, name=names[0])
+                    taken.add(named.name)
+                    known.append((view, named))
+                    self.file.propose([Proposal(view.name, named, "detector")])
         self._carry_over()
-
-    def _detect(self, view: View, known: list[tuple[View, Chart]]) -> None:
-        """Propose the charts that the detector finds in a view. known: all charts so far, to which these are added."""
-        try:
-            found = detect(_picture(view), self.kind)
-        except InputError as fault:
-            progress.say(f"failed  {fault}", is_fault=True)
-            return
-        # A chart is named as in other views if the geometry identifies it.
-        expected = [proposal.chart for proposal in propose(known, [view])]
-        taken = {chart.name for _, chart in known}
-        for chart in found:
-            names = [one.name for one in expected if overlap(chart.corners, one.corners)]
-            # one of these is free
-            numbered = [f"chart{n + 1}" for n in range(len(taken) + 1)]
-            names += [name for name in numbered if name not in taken]
-            named = replace(chart, name=names[0])
-            taken.add(named.name)
-            known.append((view, named))
-            self._propose(Proposal(view.name, named, "detector"))
+        self.file.save()
 
     def accept(self) -> tuple[list[Proposal], list[tuple[Proposal, str]]]:
         """Confirm every proposal whose patches are in order; return these, and the others with their faults."""
         accepted, doubtful = [], []
         with self.lock:
             for view in progress.track(self.everything, "checking patches"):
-                for proposal in self.proposed(view.name):
-                    try:
-                        fault = reading_order(_picture(view), proposal.chart).fault
-                    except InputError as unreadable:  # it does not stop the others
-                        fault = one_line(unreadable)
-                    if fault:
-                        doubtful.append((proposal, fault))
-                    else:
-                        accepted.append(proposal)
-            for proposal in accepted:
-                charts = self.charts.get(proposal.view, ())
-                self._confirm(proposal.view, [*charts, proposal.chart])
-            store_charts(self.path, {one.view: self.charts[one.view] for one in accepted})
+                proposals = self.file.proposed(view.name)
+                try:
+                    shown = _picture(view) if proposals else np.empty(0)
+                    checked = [
+                        (proposal, reading_order(shown, proposal.chart).fault)
+                        for proposal in proposals
+                    ]
+                except InputError as fault:  # an unreadable view does not stop the others
+                    checked = [(proposal, one_line(fault)) for proposal in proposals]
+                good = [proposal for proposal, wrong in checked if not wrong]
+                doubtful += [(proposal, wrong) for proposal, wrong in checked if wrong]
+                if good:
+                    self.file.confirm(
+                        view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)]
+                    )
+                    accepted += good
+            self.file.save()
         return accepted, doubtful
-
-    def proposed(self, view: str) -> list[Proposal]:
-        """The charts proposed for a view."""
-        return list(self.proposals.get(view, {}).values())
-
-    def _propose(self, proposal: Proposal) -> None:
-        if (proposal.view, proposal.chart.name) not in self.rejected:
-            self.proposals.setdefault(proposal.view, {})[proposal.chart.name] = proposal
-
-    def _confirm(self, view: str, charts: Iterable[Chart]) -> None:
-        """Make these the charts of a view and drop proposals of their names."""
-        self.charts[view] = tuple(charts)
-        for chart in self.charts[view]:
-            self.proposals.get(view, {}).pop(chart.name, None)
 
     # -- requests of the page ------------------------------------------------------------------------------------
 
@@ -136,20 +117,21 @@ class Session:
             views = [
                 {
                     "name": view.name,
-                    "charts": [plain(chart) for chart in self.charts.get(view.name, ())],
+                    "charts": [plain(chart) for chart in self.file.confirmed(view.name)],
                     "proposed": [
-                        {**plain(p.chart), "from": p.source} for p in self.proposed(view.name)
+                        {**plain(p.chart), "from": p.source}
+                        for p in self.file.proposed(view.name)
                     ],
                 }
                 for view in self.everything
             ]
-        return {"file": str(self.path), "kinds": self.kinds, "views": views}
+        return {"file": str(self.file.path), "kinds": self.kinds, "views": views}
 
     @property
     def kinds(self) -> list[str]:
         """The kinds of charts, that of new charts first; the page cannot name other files."""
         with self.lock:
-            marked = sorted({chart.kind for charts in self.charts.values() for chart in charts})
+            marked = sorted(self.file.kinds)
         return list(dict.fromkeys([self.kind, *KINDS, "colorchecker_sg", *marked]))
 
     def image(self, number: int, bright: bool) -> bytes:
@@ -193,27 +175,25 @@ class Session:
                 f"{view.name}: charts need names, different ones and without '/'; rename them"
             )
         with self.lock:
-            before = _identities(self.charts.get(view.name, ()))
+            before = _identities(self.file.confirmed(view.name))
             marked = [self._chart(view, *entry) for entry in entries]
-            self._confirm(view.name, marked)
-            for name in map(str, turned_down):
-                self.rejected.add((view.name, name))
-                self.proposals.get(view.name, {}).pop(name, None)
+            self.file.confirm(view.name, marked)
+            for name in turned_down:
+                self.file.turn_down(view.name, str(name))
             # Unchanged charts are not proposed again: a dive may show one in a thousand views.
             self._carry_over({name for name, *_ in before ^ _identities(marked)})
-            store_charts(self.path, {view.name: marked})
+            self.file.save()
         return self.state()
 
     def _carry_over(self, only: Container[str] | None = None) -> None:
         views = progress.track(self.everything, "carrying charts over")
-        for proposal in propose(self._marked(), views, only):
-            self._propose(proposal)
+        self.file.propose(propose(self._marked(), views, only))
 
     def _marked(self) -> list[tuple[View, Chart]]:
         return [
             (view, chart)
             for view in self.everything
-            for chart in self.charts.get(view.name, ())
+            for chart in self.file.confirmed(view.name)
         ]
 
     def _chart(self, view: View, name: str, kind: str, corners: Any) -> Chart:
@@ -221,8 +201,7 @@ class Session:
             raise InputError(
                 f"{view.name}: chart kind '{kind}' is not the page's; {did_you_mean(kind, self.kinds)}"
             )
-        entry = {"kind": kind, "corners": corners}
-        return chart_of(self.path, view.name, name, entry, kind, _size(view))
+        return self.file.chart(view.name, name, kind, corners)
 
     def _numbered(self, number: int) -> View:
         views = self.everything
@@ -271,9 +250,9 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
         raise InputError(fault, "charts", "leave undistort, image_scale and degrade out")
     # absolute, so that kinds, which may be paths, do not depend on the current folder
     path = (expanded(options["root"]) / expanded(options[plugin.charts_file])).resolve()
-    marked = read_charts(path, {view.name: _size(view) for view in selection.scene.views})
+    file = ChartsFile(path, {view.name: _size(view) for view in selection.scene.views})
     others = [view for view in selection.scene.views if view.name not in chosen]
-    return Session(selection.views, path, marked, kind, others)
+    return Session(selection.views, file, kind, others)
 
 
 def _overrides(words: Sequence[str], dataset: str) -> list[str]:

@@ -25,10 +25,9 @@ from sucre_bench.commands.data import charts
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
-from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.view_files import Files
-from sucre_bench.programs.charts.charts_json import store_charts
-from sucre_bench.programs.charts.proposals import detect, propose
+from sucre_bench.programs.charts.charts_json import ChartsFile
+from sucre_bench.programs.charts.proposals import Proposal, detect, propose
 from sucre_bench.programs.charts.server import PageServer
 from sucre_bench.programs.charts.session import Session
 from sucre_bench.scene import Arrays, Chart, View
@@ -149,17 +148,25 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
         "images": {"a.png": {"one": TILTED.tolist()}},
     }
     path.write_text(json.dumps(old))
-    store_charts(path, {"b.png": [Chart("three", "dgk", TILTED)]})
+    file = ChartsFile(path, sizes)
+    file.propose([_proposal("b.png", "one")])
+    file.turn_down("b.png", "two")
+    file.propose([_proposal("b.png", "two")])
+    file.confirm("b.png", [file.chart("b.png", "three", "dgk", TILTED.tolist())])
+    file.save()
     content = json.loads(path.read_text())
     assert (content["note"], content["images"]["a.png"]) == (
         "by hand",
         {"one": TILTED.tolist()},
     )
-    again = read_charts(path, sizes)
-    assert [(c.name, c.kind) for c in again["b.png"]] == [("three", "dgk")]
-    assert again["a.png"][0].kind == "colorchecker24"
-    store_charts(path, {"b.png": []})
-    assert list(read_charts(path, sizes)) == ["a.png"]
+    again = ChartsFile(path, sizes)
+    assert [(c.name, c.kind) for c in again.confirmed("b.png")] == [("three", "dgk")]
+    assert [p.chart.name for p in again.proposed("b.png")] == ["one"], "two was turned down"
+    assert again.confirmed("a.png")[0].kind == "colorchecker24"
+
+
+def _proposal(view: str, name: str) -> Any:
+    return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
 
 
 # -- the page's server -------------------------------------------------------------------------------------------
@@ -171,7 +178,8 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
         board_view("a <b>.png", (0, 0, 0)),
         board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1),
     ]
-    with PageServer(Session(views, tmp_path / "charts.json", {}, "dgk")) as running:
+    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in views})
+    with PageServer(Session(views, file, "dgk")) as running:
         thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
         thread.start()
         yield running
@@ -211,8 +219,7 @@ def test_four_corners_are_checked_saved_and_carried_over(
     (proposed,) = json.loads(state)["views"][1]["proposed"]
     assert (proposed["name"], proposed["from"]) == ("left", "a <b>.png")
     content = json.loads((tmp_path / "charts.json").read_text())
-    stored = content["images"]["a <b>.png"]["left"]["corners"]
-    np.testing.assert_allclose(stored, corners, atol=0.006)
+    np.testing.assert_allclose(content["images"]["a <b>.png"]["left"], corners, atol=0.006)
     get(server.url + "save", {"number": 1, "charts": [], "turned_down": ["left"]})
     assert json.loads(get(server.url + "state")[1])["views"][1]["proposed"] == [], (
         "not proposed again"
@@ -389,19 +396,19 @@ def test_corners_are_not_marked_in_changed_images(
     tmp_path: Path, word: str, named: str
 ) -> None:
     write_scene(tmp_path)
-    with refused(named, "corners"):
+    with refused("corners", named):
         marked("dataset=colmap", f"dataset.root={tmp_path}", word, "--accept")
 
 
 def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
     views = two_views()
     bad = replace(views[1], name="bad.png", pixels=Files(tmp_path / "bad.png", (240, 180)))
-    charts = {"a.png": views[0].charts}
-    session = Session([bad], tmp_path / "charts.json", charts, "dgk", views)
+    names = ("a.png", "b.png", "bad.png")
+    file = ChartsFile(tmp_path / "charts.json", dict.fromkeys(names, (240, 180)))
+    file.confirm("a.png", views[0].charts)
+    session = Session([bad], file, "dgk", views)
     session.prepare()
-    session.proposals["bad.png"] = session.proposals["b.png"]
-    for name, proposal in session.proposals["bad.png"].items():
-        session.proposals["bad.png"] = {name: replace(proposal, view="bad.png")}
+    file.propose([replace(file.proposed("b.png")[0], view="bad.png")])
     accepted, doubtful = session.accept()
     assert [proposal.view for proposal in accepted] == ["b.png"]
     assert [
