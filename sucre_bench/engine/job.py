@@ -5,6 +5,7 @@ This runs in a worker, as a rule; `engine.workers` gives it the views and keeps 
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -21,6 +22,7 @@ from sucre_bench.errors import (
     InputError,
     NotApplicableError,
     OutputError,
+    PluginError,
     raise_if_stop,
 )
 from sucre_bench.imaging.colour_profiles import restoration_in_srgb, view_in_srgb
@@ -94,6 +96,17 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 timed = replace(task, base=replace(task.base, time=now()))
                 rows = _restored_and_scored(job, method, metrics, timed, scenes.get(scene))
                 send("rows", place, rows)
+            if not _can_open_files():
+                return
+
+
+def _can_open_files() -> bool:
+    """Whether the method has left this process room for files."""
+    try:
+        os.close(os.open(os.devnull, os.O_RDONLY))
+    except OSError:
+        return False
+    return True
 
 
 def make_ready(method: Any) -> None:
@@ -153,10 +166,15 @@ def _restored_and_scored(
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
             return score_rows(restoration, shown, view, metrics, base)
     except BaseException as fault:
-        if isinstance(fault, OutputError):
+        raise_if_stop(fault)
+        told = fault
+        if not _can_open_files():
+            remedy = "see that the method closes its files"
+            told = PluginError("no file can be opened after it", remedy=remedy)
+        elif isinstance(fault, OutputError):
             # a row would stand for the stored restoration, which could not be replaced
             raise
-        return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
+        return [row_of_fault(task.base, told, log_path(job.out), is_said=True)]
 
 
 def _stored_or_restored(

@@ -140,7 +140,8 @@ class _Job:
         """Do all views in this process."""
         self.begin()
         try:
-            serve(self.planned, self.note, self.take)
+            while self.left:
+                serve(self.planned, self.note, self.take)
         except OutputError as fault:
             self.give_up(fault)
         finally:

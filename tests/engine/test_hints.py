@@ -34,6 +34,6 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     lines = [line for line in after.splitlines() if line.startswith("hint")]
     assert len(lines) == 1
     assert "demo / dim, in 3 of 3 views" in lines[0]
-    assert "dim.gain=2" in lines[0]
+    assert "method.gain=2" in lines[0]
     assert "hint" not in done.stderr
     assert bench("run", "-m", *made, "dim.gain=2", "overwrite=always").returncode == 0

@@ -97,5 +97,5 @@ def test_a_constant_channel_is_left_as_it_is():
 
 @pytest.mark.parametrize("wrong", [{"sample": 1}, {"seed": -1}])
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, int]):
-    with pytest.raises(InputError, match=f"gaussian_seathru.{next(iter(wrong))}: "):
+    with pytest.raises(InputError, match=f"method.{next(iter(wrong))}: "):
         GaussianSeathru(**wrong)
