@@ -62,7 +62,7 @@ from sucre_bench.compare.model import (
 _RESAMPLES = 5000
 _FEWEST = 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples
-_AT_ONCE = 500_000  # pairs of methods in resamples at a time
+_AT_ONCE = 500_000  # units, or pairs of methods, in resamples at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 # degrees of freedom of neighbours: with fewer, no lead is found however large it is
@@ -293,8 +293,11 @@ def _resamples(n: int) -> npt.NDArray[np.uint8]:
     rng = np.random.default_rng(0)
     resamples = min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
     draws = np.empty((resamples, n), dtype=np.uint8)
-    for row in draws:
-        row[:] = np.bincount(rng.integers(n, size=n), minlength=n)
+    step = max(1, _AT_ONCE // n)
+    for start in range(0, resamples, step):
+        lines = draws[start : start + step]
+        drawn = rng.integers(n, size=lines.shape) + n * np.arange(len(lines))[:, None]
+        lines[:] = np.bincount(drawn.ravel(), minlength=lines.size).reshape(lines.shape)
     return draws
 
 
