@@ -210,6 +210,5 @@ def _of_view(folder: Path, scene: Scene, view: View) -> Path:
         for suffix in _SUFFIXES
     ]
     inside = [file for file in files if file.resolve().is_relative_to(folder.resolve())]
-    for file in filter(Path.is_file, inside):
-        return file
-    return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
+    usual = folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
+    return next(filter(Path.is_file, inside), usual)

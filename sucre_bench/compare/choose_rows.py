@@ -306,7 +306,7 @@ OWN_PIXELS = {"pixels": "own", "pixels_share": math.nan, "pixels_reason": ""}
 def on_pixels(rows: DataFrame, common: DataFrame) -> DataFrame:
     """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
 
-    rows: of the score table; common: the scores on common pixels, see `results.read_common`.
+    rows: of the score table; common: the scores on common pixels, see `results.table.read_both`.
     Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """

@@ -229,7 +229,7 @@ def score_in_memory(
     held: Mapping[tuple[str, str], Source],
     metrics: Sequence[Any],
 ) -> DataFrame:
-    """Return scores on common pixels of the views that methods fill differently, as `read_common` has them.
+    """Return scores on common pixels of the views that methods fill differently, as `read_both` has them.
 
     rows: all scores of one scene; held: restorations by view and label; metrics: those of the rows, by name.
     """
@@ -279,7 +279,7 @@ def score_on_common_pixels(
 
 
 def score_folders(rows: DataFrame) -> DataFrame:
-    """Return scores on common pixels, as `read_common` has them, of views with restorations in several folders.
+    """Return scores on common pixels, as `read_both` has them, of views with restorations in several folders.
 
     Nothing is written. rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open
     any more, or if one of its restorations lies in a bundle.

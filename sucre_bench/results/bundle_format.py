@@ -147,7 +147,7 @@ class Bundle:
 
     @cached_property
     def common(self) -> DataFrame:
-        """The rows about common pixels, as `read_common` returns them. Raises InputError if the table is none."""
+        """The rows about common pixels, as `read_both` returns them. Raises InputError if the table is none."""
         return self._table[is_of_common_pixels(self._table)].reset_index(drop=True)
 
     @cached_property

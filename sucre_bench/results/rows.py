@@ -119,11 +119,6 @@ class RowCode:
         return self.restoration[:_DIGITS]
 
     @property
-    def metric_source(self) -> str:
-        """The hash of the metric's source, without its options."""
-        return self.metric.partition("-")[0]
-
-    @property
     def metric_options(self) -> str:
         """The hash of the metric's options; empty if it has none."""
         return self.metric.partition("-")[2]

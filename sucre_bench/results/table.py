@@ -6,7 +6,7 @@ written.
 
 Of two rows for one score the one with the later `time` counts.
 
-The table also has scores on common pixels, which `read_common` returns and `read` leaves out.
+The table also has scores on common pixels, which `read_both` returns, too, and `read` leaves out.
 """
 
 from __future__ import annotations
@@ -71,21 +71,13 @@ def read(out: str | Path, **labels: str) -> DataFrame:
 
 
 def read_both(out: str | Path, **labels: str) -> tuple[DataFrame, DataFrame]:
-    """Return in one pass what `read` and `read_common` return. Raises what `read` does."""
+    """Return what `read` does, and the rows about common pixels, see `results.common_scores`. Raises as `read`."""
     files, rows = _files(Path(out), labels)
     if not files:
         raise MissingFileError(
             f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote"
         )
     return _newest(rows)
-
-
-def read_common(out: Path) -> DataFrame:
-    """Return the rows about common pixels under `out`, see `results.common_scores`; it may have none.
-
-    Raises DamagedFileError if a file is damaged, ForbiddenFileError if this user may not read one.
-    """
-    return _newest(_files(out, {})[1])[1]
 
 
 def read_part(path: Path) -> DataFrame:

@@ -15,7 +15,7 @@ from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.results.rows import COMMON
-from sucre_bench.results.table import read_common
+from sucre_bench.results.table import read_both
 
 
 def sweep(out: Path, methods: str, *overrides: str) -> Outcome:
@@ -34,7 +34,7 @@ def both(tmp_path: Path, toys: str, tmp_path_factory: pytest.TempPathFactory) ->
 def scores(out: Path, pixels: compare.Pixels) -> pd.DataFrame:
     """A score by view and method, as it is compared."""
     rows = results.read(out)
-    rows = compare.on_pixels(rows, read_common(out)) if pixels == "common" else rows
+    rows = compare.on_pixels(rows, read_both(out)[1]) if pixels == "common" else rows
     rows = rows[rows["metric"] == "psnr"]
     return rows.pivot(index="view", columns="method", values="value")
 
@@ -56,7 +56,7 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     np.testing.assert_array_equal(common["gain"], common["left_half"])
     np.testing.assert_allclose(common["gain"], psnr(slice(0, 30)), rtol=1e-6)
     np.testing.assert_allclose(own["gain"], psnr(slice(None)), atol=1e-3)
-    rows = read_common(both)
+    rows = read_both(both)[1]
     assert set(rows.loc[rows["metric"] == "psnr", "n_pixels"]) == {40 * 30}
 
 
@@ -68,14 +68,14 @@ def test_pictures_of_16_bits_are_compared_as_such(tmp_path: Path, toys: str):
 
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
     sweep(tmp_path, "gain,gain2")
-    assert not len(read_common(tmp_path))
+    assert not len(read_both(tmp_path)[1])
     assert read_mask(tmp_path / "restored" / "toy" / "gain" / "v0.png") is None
 
 
 def test_holes_at_the_same_pixels_are_not_scored_twice(tmp_path: Path, toys: str):
     run(tmp_path, "method=left_half")
     run(tmp_path, "method=left_half", "method.label=again")
-    assert not read_common(tmp_path)["metric"].isin(["psnr", "redness"]).any()
+    assert not read_both(tmp_path)[1]["metric"].isin(["psnr", "redness"]).any()
     pd.testing.assert_frame_equal(scores(tmp_path, "common"), scores(tmp_path, "own"))
 
 
@@ -95,26 +95,26 @@ def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(
     tmp_path: Path, toys: str
 ):
     sweep(tmp_path, "gain,left_half", "first=1")
-    before = read_common(tmp_path)
+    before = read_both(tmp_path)[1]
     sweep(tmp_path, "gain,left_half")
-    whole = read_common(tmp_path)
+    whole = read_both(tmp_path)[1]
     same = whole[whole["view"] == "v0.png"].reset_index(drop=True)
     pd.testing.assert_frame_equal(same, before)  # their times too
     table = tmp_path / "scores.parquet"
     results.read(tmp_path).to_parquet(table, index=False)  # without the scores on common pixels
     sweep(tmp_path, "gain,left_half")
-    pd.testing.assert_frame_equal(but_times(read_common(tmp_path)), but_times(whole))
+    pd.testing.assert_frame_equal(but_times(read_both(tmp_path)[1]), but_times(whole))
 
 
 def test_a_score_that_failed_on_common_pixels_is_tried_again(both: Path):
-    whole = read_common(both)
+    whole = read_both(both)[1]
     rows = pd.read_parquet(both / "scores.parquet")
     is_common = rows["variant"].str.endswith(COMMON) & (rows["metric"] == "psnr")
     assert is_common.any()
     rows.loc[is_common, ["status", "value"]] = "failed", float("nan")
     rows.to_parquet(both / "scores.parquet", index=False)
     sweep(both, "gain,left_half")
-    pd.testing.assert_frame_equal(but_times(read_common(both)), but_times(whole))
+    pd.testing.assert_frame_equal(but_times(read_both(both)[1]), but_times(whole))
 
 
 def test_a_restoration_made_anew_is_scored_anew(both: Path):
@@ -139,7 +139,7 @@ def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pi
 
 def test_a_method_with_holes_on_older_data_takes_no_part(both: Path):
     sweep(both, "gain,gain2", "dataset.tag=newer", "overwrite=always")
-    assert (read_common(both)["status"] == "ok").all()
+    assert (read_both(both)[1]["status"] == "ok").all()
     np.testing.assert_allclose(scores(both, "common")["gain2"], psnr(slice(0, 60)), rtol=1e-3)
 
 
@@ -213,7 +213,7 @@ def test_folders_with_a_method_each_are_compared_on_common_pixels_where_their_da
     assert {record["pixels"] for record in apart.values()} == {"common"}
     means = [record["mean"] for record in apart.values()]
     assert means == pytest.approx([np.mean(psnr(slice(0, 30)))] * 2, rel=1e-6)
-    assert not len(read_common(tmp_path / "one"))
+    assert not len(read_both(tmp_path / "one")[1])
     own = compared(bench, one, two, "--pixels", "own")
     assert {record["pixels"] for record in own.values()} == {"own"}
     for name in ("one", "two"):

@@ -10,7 +10,7 @@ from support.command_line import Started, but_times, run as run_toys, succeeded
 from sucre_bench import results
 from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.engine.run import Outcome
-from sucre_bench.results.table import read_common
+from sucre_bench.results.table import read_both
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(
@@ -41,9 +41,9 @@ def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
     toy(tmp_path / "whole", *words)
     parts = toy(tmp_path / "parts", *words, "shard.count=3", "shard.index=range(3)")
     assert (parts.ok, parts.exit_code) == (14, 0)
-    for read in (results.read, read_common):
-        found, expected = (but_times(read(tmp_path / name)) for name in ("parts", "whole"))
-        pd.testing.assert_frame_equal(found, expected)
+    both = [read_both(tmp_path / name) for name in ("parts", "whole")]
+    for found, expected in zip(*both, strict=True):
+        pd.testing.assert_frame_equal(but_times(found), but_times(expected))
 
 
 def test_a_shard_has_neighbours(tmp_path: Path, toys: str):
